@@ -34,11 +34,12 @@ from agents.policies import Policy
 from agents.rollout import Rollout, draw_starts
 from rimless_gym.checks import flag, integer, real, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.speed import SPEEDS
-from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import OK
+from rimless_gym.envs.task import TERM_NAMES, Task
+from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
@@ -90,6 +91,9 @@ SHORT_PROTOCOL = Protocol(starts=48, seed=20150502, duration=20.0, window=10.0, 
 #: published ones: a gait can last 20 s from every start, and 50 s from none.
 TRAINING_PROTOCOL = Protocol(starts=48, seed=20150502, duration=50.0, window=10.0, alive=5.0)
 
+#: Length of an episode of `RimlessWheel-v0` (s), whose return is measured too.
+EPISODE = EPISODE_STEPS * CONTROL_PERIOD
+
 #: A slow command, a usual one, and one near the fastest that an episode may draw (m/s).
 COMMANDS = (0.35, 0.5, 0.6)
 
@@ -123,6 +127,7 @@ class Evaluation:
         objective: mean reward per second over all starts (m/s); a start that fell counts as
             penalised for its fall within the window.
         ledger: sums over the whole steps in the windows of those that walk.
+        returns: of an episode of 20 s, or of a shorter protocol, from each start (m), (starts,).
         outcomes: of each start.
         walking, fallen: of each start, (starts,).
         speeds, cots: of each start's own steps, (starts,), NaN where it does not walk.
@@ -143,6 +148,7 @@ class Evaluation:
     steps_per_period: int
     objective: float
     ledger: Ledger
+    returns: Floats
     outcomes: tuple[str, ...]
     walking: NDArray[np.bool_]
     fallen: NDArray[np.bool_]
@@ -214,12 +220,14 @@ def evaluate(
     walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task, command)
     window = Window(walks.machines)
     log = TouchdownLog(params, len(starts))
-    late_steps = np.zeros(len(starts))
+    late_steps, returns = np.zeros(len(starts)), np.zeros(len(starts))
     fallen, penalties = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
     bar = tqdm(walks, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
     for index, interval in enumerate(bar):
         fallen[interval.running] = interval.info["failure"] != OK
         penalties[interval.running] = interval.info["reward_end"]
+        if index < round(EPISODE / period):
+            returns[interval.running] += sum(interval.info[name] for name in TERM_NAMES)
         if index < first:
             continue
         window.add(interval)
@@ -229,7 +237,7 @@ def evaluate(
     results = outcomes(fallen, late_steps > 0, window)
     periods = np.array([steps_per_period(points) for points in log.points()])
     objective = float(window.rewards(penalties).mean()) / protocol.window
-    return _summary(params, protocol, window, objective, results, periods)
+    return _summary(params, protocol, window, objective, returns, results, periods)
 
 
 def _summary(
@@ -237,6 +245,7 @@ def _summary(
     protocol: Protocol,
     window: Window,
     objective: float,
+    returns: Floats,
     results: tuple[str, ...],
     periods: NDArray[np.int64],
 ) -> Evaluation:
@@ -265,6 +274,7 @@ def _summary(
         steps_per_period=int(np.bincount(periods[walking]).argmax()) if some else 0,
         objective=objective,
         ledger=ledger,
+        returns=returns,
         outcomes=results,
         walking=walking,
         fallen=fallen,

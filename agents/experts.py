@@ -33,7 +33,7 @@ from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.held_stride import held_speeds
 
 #: What is imitated by default: a feedback law, and the gait that it holds.
-EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.56, 1
+EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.62, 1
 
 #: Distance from its gait up to which a law is within reach on the way to another speed, in standard
 #: deviations of the gait's own motion. It is well within `NEAR`, where laws act themselves and not

@@ -1,37 +1,50 @@
-"""The gap of a walk: its cost of transport over the environment's own optimum, minus 1.
+"""The gap of a walk: its cost of transport over that of the environment's own optimum, minus 1.
 
 The environment's own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is
-held for its control period. A step of such a gait lasts a whole number of periods; at the speeds in
-between, the cost of transport is interpolated.
+held for its control period: at any speed, or at that of the walk. A step of such a gait lasts a
+whole number of periods; at the speeds in between, the cost of transport is interpolated.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation
+from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront, NoFrontError, cot_front, shipped_front
-from trajopt.gaits.held_stride import MOST_TICKS
+from trajopt.gaits.held_stride import MOST_TICKS, held_speed
 
 #: Steps per stride of the gaits that gaps are measured against.
 FRONT_STEPS = (1, 2, 3)
 
+#: Control intervals by which the length of a step is first varied where no gaits are shipped.
+FIRST_CHANGE = 8
+
 
 def gap_to_optimum(
-    params: WheelParams, cot: float, speed: float, progress: bool = False
+    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = False
 ) -> float | None:
-    """The gap of a walk at a speed (m/s), with gaits solved now; None without a walk or a gait."""
-    with TemporaryDirectory() as folder:
-        around = ticks_around(params, speed)
-        gaits = [best_held(params, n, Path(folder), progress) for n in around]
+    """The gap at the walk's own speed (m/s), with gaits solved now; None without a walk or a gait.
+
+    Gaits that are in the folder are loaded.
+    """
+    around = ticks_around(params, speed)
+    gaits = [best_held(params, n, folder, progress) for n in around]
     return gap_to_gaits(cot, speed, gaits)
+
+
+def gap_to_least(
+    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = False
+) -> float | None:
+    """The gap to the optimum at any speed; otherwise as `gap_to_optimum`."""
+    least = best_at_any_speed(params, speed, folder, progress) if speed > 0.0 else None
+    return None if least is None else cot / least.cot - 1.0
 
 
 def gap_to_gaits(
@@ -67,6 +80,11 @@ def gap_to_continuous_optimum(evaluation: Evaluation, conditions: Conditions) ->
     return math.nan if gap is None else gap
 
 
+def reward_rate(gait: Solution) -> float:
+    """The reward per second (m/s) of walking on a gait, in `RimlessWheel-v0`."""
+    return (USUAL_TASK.distance_weight - gait.cot) * gait.speed
+
+
 def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:
     """The two whole numbers of control intervals per step whose speeds enclose `speed` (m/s).
 
@@ -79,8 +97,52 @@ def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:
     return fewest, fewest + 1
 
 
+def best_at_any_speed(
+    params: WheelParams,
+    near: float | None,
+    folder: Path,
+    progress: bool = False,
+    steps: Sequence[int] = FRONT_STEPS,
+) -> Solution | None:
+    """The held gait with the least CoT, by a pattern search over the length of a step.
+
+    It starts from the best shipped gait, whose number of steps it keeps; where none of the machine
+    are shipped, from the speed `near` (m/s). It finds a local optimum.
+
+    Returns:
+        The gait; None without a speed to start from, or if there is no gait near it.
+    """
+    change = FIRST_CHANGE
+    try:
+        known = min(shipped_front(params).envelope, key=lambda gait: gait.cot)
+        near, steps, change = held_speed(params, known.speed, 1, CONTROL_PERIOD), [known.steps], 1
+    except NoFrontError:
+        pass
+    gaits: dict[int, Solution | None] = {}
+
+    def cot(ticks: int) -> float:
+        if ticks not in gaits:
+            gaits[ticks] = best_held(params, ticks, folder, progress, steps)
+        gait = gaits[ticks]
+        return math.inf if gait is None else gait.cot
+
+    for best in ticks_around(params, near)[:1]:
+        while change:
+            other = min((best - change, best + change), key=cot)
+            if cot(other) < cot(best):
+                best = other
+            else:
+                change //= 2
+        return gaits[best]
+    return None
+
+
 def best_held(
-    params: WheelParams, ticks: int, folder: Path, progress: bool = False
+    params: WheelParams,
+    ticks: int,
+    folder: Path,
+    progress: bool = False,
+    steps: Sequence[int] = FRONT_STEPS,
 ) -> Solution | None:
     """The best gait whose steps last so many control intervals; None if there is none.
 
@@ -92,7 +154,7 @@ def best_held(
     folder.mkdir(parents=True, exist_ok=True)
     speed = params.step_length / (ticks * CONTROL_PERIOD)
     try:
-        free = cot_front(params, [speed], FRONT_STEPS, folder=folder, progress=progress)
+        free = cot_front(params, [speed], steps, folder=folder, progress=progress)
         (best,) = free.envelope
         held = cot_front(
             params, [speed], [best.steps], hold=CONTROL_PERIOD, folder=folder, progress=progress

@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import os
 import pickle
 import sys
 import warnings
@@ -131,8 +132,9 @@ class _MachineCode(FunctionCache):
             if code is not None:
                 return code
             if attempt == 0:  # another process may write it while this one waits
+                path = Path(self.cache_path, "rimless_gym.lock")
                 with contextlib.suppress(OSError, NotImplementedError):  # then without a lock
-                    self.turn.enter_context(_lock(Path(self.cache_path, "rimless_gym.lock")))
+                    self.turn.enter_context(_lock(path, os.getpid()))
         _announce(self._part)
         return None
 
@@ -162,7 +164,8 @@ def fingerprint(package: str) -> str:
 
 
 @functools.cache
-def _lock(path: Path) -> FileLock:
+def _lock(path: Path, process: int) -> FileLock:
+    """The lock of one process: filelock refuses one that was inherited across a fork."""
     return FileLock(path, thread_local=False)  # used under numba's compiler lock, which nests
 
 

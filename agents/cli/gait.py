@@ -55,7 +55,7 @@ def gait(
         hold: hold the voltage for so long (s), as the environment does for 0.01; the speed is then
             the nearest at which a stride lasts a whole number of such intervals
         starts: random starts; by default none with --guess or where a shipped gait is of the same
-            machine, else 24
+            machine, else 60
         seed: of the random starts
         guess: a gait (.npz, from --out) of as many steps to start from, in place of shipped ones
         workers: processes

@@ -95,8 +95,8 @@ def compare(
     out: Path = Path("runs/compare"),
     preset: Preset = "BUILDABLE",
     params: Fields = None,
-    speed: Positive = 0.56,
-    further: Positives = (0.53, 0.6),
+    speed: Positive = 0.62,
+    further: Positives = (0.56, 0.6),
     steps: Count = 1,
     seed: Whole = 0,
     timesteps: Whole = 600_000,
@@ -104,7 +104,7 @@ def compare(
     scratch_timesteps: Whole = 250_000,
     evolution_timesteps: Whole = 600_000_000,
     starts: Whole = 4,
-    front: Range = (0.52, 0.63),
+    front: Range = (0.55, 0.64),
     workers: MaybeWhole = None,
 ) -> int:
     """Compare learned with optimal cost of transport, at several speeds: the main job.

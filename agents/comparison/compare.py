@@ -22,18 +22,17 @@ from tqdm import tqdm
 from agents.comparison.figures import write_figures
 from agents.comparison.methods import LearnedMethod, Method, Result, learning_curve, methods
 from agents.comparison.study import Setting, Study
-from agents.comparison.table import Row, by_speed, format_table
-from agents.film import GroupFilm, ghost, times
+from agents.comparison.table import Row, attained_rows, by_speed, format_table
+from agents.film import GroupFilm, ghost, record_policy, times
 from agents.learner import CLONE, IMITATION
 from agents.policy_files import NamedPolicy, load_policy
-from agents.recording import record_policy
 from rimless_gym.rendering.display import save_gif
 from trajopt.pool import run
 from trajopt.provenance import provenance
 from trajopt.store import Store, jsonable, write_text
 
 #: Of the results in a study's folder.
-FORMAT = 2
+FORMAT = 3
 
 #: Seconds of a walk that are animated, and pictures of the animation per second.
 ANIMATED, FPS = 10.0, 20
@@ -69,6 +68,8 @@ def compare(
         complete(setting, compared, store, workers)
         results = {method.name: store.load(method.name) for method in compared}
         rows = by_speed(r for m in compared for r in m.rows(setting, results[m.name]))
+        walks = [each for result in results.values() for each in result.get("evaluations", ())]
+        rows += attained_rows(walks, setting.params, setting.best_return)
         report = {**inputs, "table": rows, "results": results, **provenance()}
         write_text(out / "results.json", json.dumps(jsonable(report), indent=1) + "\n")
         write_text(out / "table.md", format_table(rows) + "\n")

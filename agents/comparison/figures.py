@@ -104,7 +104,7 @@ def speed_figure(front: CotFront, held: CotFront, rows: Iterable[Row]) -> Figure
         above.plot(speeds, cots, line, color=COLOURS["ink"], label=name)
         below.plot(speeds[shared], gaps, line, color=COLOURS["ink"], label=name)
     walking = [row for row in rows if row.walking_share and row.cot is not None]
-    gaits = [row for row in rows if row.walking_share is None and not _near(row)]
+    gaits = [row for row in rows if row.walking_share is None and row.cot and not _near(row)]
     _plot_rows(above, [*walking, *gaits], "cot", 1.0)
     _plot_rows(below, list(filter(_near, walking)), "gap", 100.0)
     above.set(yscale="log", ylabel="cost of transport (E+, no regeneration)")

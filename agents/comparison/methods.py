@@ -12,10 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
+import numpy as np
+
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
-from agents.evaluate import evaluate_commanded
+from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
+from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policies import controller_policy, law_title
 from agents.policy_files import PRETRAINED, load_policy
@@ -25,6 +28,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
+from trajopt.feedback.startup import TIME, Cost
 from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.library import warm_starts
 from trajopt.pool import cores
@@ -37,7 +41,7 @@ Result: TypeAlias = dict[str, Any]
 FRONT_FILE, SCREENED_FILE = PRETRAINED["front"], PRETRAINED["screened_ppo"]
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
-BETWEEN = (0.545, 0.58)
+BETWEEN = (0.58, 0.61)
 
 
 class Method(Protocol):
@@ -65,8 +69,10 @@ def methods(study: Study) -> tuple[Method, ...]:
         OptimalGait("searched", None, searched_gait),
         FrontMethod("front"),
         FrontMethod("held_front", ("front",), held=True),
+        OptimalGait("least", "optimal at any speed", least_gait, ("held_front",)),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
+        LawMethod("efficient", EXPERT, study.speed, (EXPERT,), rewarded=True),
         *_holding(study),
         *front_policy(study),
         LearnedMethod(
@@ -124,7 +130,7 @@ def _holding(study: Study) -> Iterator[Method]:
 
 @dataclasses.dataclass(frozen=True)
 class OptimalGait:
-    """An optimal gait at the study's speed.
+    """An optimal gait, at the study's speed or at the best one.
 
     Attributes:
         name, after: see `Method`.
@@ -157,8 +163,8 @@ class OptimalGait:
         if "missing" in result:
             return []
         gait = Solution.load(setting.out / self.file)
-        title, speed = self.title or _steps_title(gait), setting.study.speed
-        return [gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed)]
+        speed = None if self.name == "least" else setting.study.speed  # it belongs to no speed
+        return [_gait_row(setting, self.title or _steps_title(gait), gait, speed)]
 
 
 def searched_gait(setting: Setting) -> Solution:
@@ -175,12 +181,21 @@ def searched_gait(setting: Setting) -> Solution:
     )
 
 
+def least_gait(setting: Setting) -> Solution:
+    """The environment's best gait at any speed."""
+    known = min(setting.held_front.envelope, key=lambda gait: gait.cot)
+    best = best_at_any_speed(
+        *(setting.params, known.speed, setting.out, setting.progress, setting.study.front_steps)
+    )
+    return known if best is None or known.cot < best.cot else best
+
+
 def swinging_gait(setting: Setting) -> Solution | str:
     """The best gait whose pendulum does not whirl, where one is shipped to start from."""
     study = setting.study
     speed = study.on_tick(study.speed)
     known = warm_starts(setting.params, speed, study.steps)
-    swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == setting.params]
+    swinging = [gait for gait in known if gait.theta_turns == 0]
     if not swinging:
         return f"no swinging gait of {study.steps} steps is shipped for this machine"
     try:
@@ -233,7 +248,7 @@ class FrontMethod:
             gait = setting.held_gait(speed) if self.held else setting.best_gait(speed)
             title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
             title = title if self.held else _steps_title(gait)
-            rows.append(gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed))
+            rows.append(_gait_row(setting, title, gait, speed))
         return rows
 
 
@@ -277,22 +292,28 @@ class LawMethod:
         name, after: see `Method`. The first law for a gait plans the start-up for all.
         law: one of `trajopt.feedback.laws.names()`.
         speed: one of the study's (m/s).
+        rewarded: whether the start-up loses the least return, instead of time.
     """
 
     name: str
     law: str
     speed: float
     after: tuple[str, ...]
+    rewarded: bool = False
 
     def compute(self, setting: Setting) -> Result:
         """Evaluate it."""
-        controller = laws.design(self.law, setting.held_gait(self.speed), setting.out)
-        return {"evaluation": setting.evaluated(controller_policy(setting.params, controller))}
+        gait, params = setting.held_gait(self.speed), setting.params
+        lost = Cost(reward_rate(gait), 1.0 / params.weight, -USUAL_TASK.distance_weight)
+        cost = lost if self.rewarded else TIME
+        controller = laws.design(self.law, gait, setting.out, cost)
+        return {"evaluations": [setting.evaluated(controller_policy(params, controller))]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row."""
-        title = f"{law_title(self.law)} about the optimum"
-        return [_policy_row(setting, title, result["evaluation"], self.speed)]
+        title = f"{law_title(self.law)} about the optimum" + ", efficient start-up" * self.rewarded
+        (evaluation,) = result["evaluations"]
+        return [_policy_row(setting, title, evaluation, self.speed)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -439,5 +460,13 @@ def front_policy(study: Study) -> tuple[ShippedMethod, ...]:
 def _policy_row(
     setting: Setting, title: str, evaluation: Mapping[str, Any], study_speed: float | None
 ) -> Row:
-    gap = setting.gap(evaluation["cot"], evaluation["speed"])
-    return policy_row(title, evaluation, gap, study_speed)
+    cot = evaluation["cot"]
+    row = policy_row(title, evaluation, setting.gap(cot, evaluation["speed"]), study_speed)
+    share = float(np.mean(evaluation["returns"])) / setting.best_return
+    return dataclasses.replace(row, over_least=setting.over_least(cot), return_share=share)
+
+
+def _gait_row(setting: Setting, title: str, gait: Solution, study_speed: float | None) -> Row:
+    row = gait_row(title, gait, setting.gap(gait.cot, gait.speed), study_speed)
+    share = EPISODE * reward_rate(gait) / setting.best_return
+    return dataclasses.replace(row, over_least=setting.over_least(gait.cot), return_share=share)

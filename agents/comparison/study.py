@@ -7,8 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from agents.evaluate import evaluate
-from agents.gaps import FRONT_STEPS, gap_to_front
+from agents.evaluate import EPISODE, evaluate
+from agents.gaps import FRONT_STEPS, gap_to_front, reward_rate
 from agents.policies import Policy
 from rimless_gym.checks import integer, positive
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -56,8 +56,8 @@ class Study:
 
     preset: str = "BUILDABLE"
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
-    speed: float = 0.56
-    further: tuple[float, ...] = (0.53, 0.60)
+    speed: float = 0.62
+    further: tuple[float, ...] = (0.56, 0.60)
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
@@ -65,7 +65,7 @@ class Study:
     scratch_timesteps: int = 250_000
     evolution_timesteps: int = 600_000_000
     starts: int = 4
-    front: tuple[float, ...] = (0.52, 0.63)
+    front: tuple[float, ...] = (0.55, 0.64)
     front_steps: tuple[int, ...] = FRONT_STEPS
 
     def __post_init__(self) -> None:
@@ -128,12 +128,18 @@ class Setting:
 
     @cached_property
     def held_front(self) -> CotFront:
-        """The front that every gap is measured against: of gaits that the environment allows."""
+        """The front of gaits that the environment allows: gaps at a walk's own speed are to it."""
         return self._front_of("held_front")
 
     def _front_of(self, method: str) -> CotFront:
         names = Store(self.out).load(method)["files"]
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
+
+    @cached_property
+    def least(self) -> Solution:
+        """The environment's best gait at any speed, once it is solved."""
+        (name,) = Store(self.out).load("least")["files"]
+        return Solution.load(self.out / name)
 
     def held_gait(self, speed: float) -> Solution:
         """The environment's best gait nearest to a speed (m/s)."""
@@ -160,6 +166,15 @@ class Setting:
         """The evaluation of a policy, as plain JSON values."""
         return evaluate(policy, self.params, progress=self.progress).to_dict()
 
+    @cached_property
+    def best_return(self) -> float:
+        """What an episode returns that is on the environment's best gait from its beginning (m)."""
+        return EPISODE * max(reward_rate(gait) for gait in (*self.held_front.envelope, self.least))
+
+    def over_least(self, cot: float | None) -> float | None:
+        """Gap of a gait or a walk to the environment's optimum at any speed."""
+        return None if cot is None else cot / self.least.cot - 1.0
+
     def gap(self, cot: float | None, speed: float | None) -> float | None:
-        """Gap of a gait or a walk to the environment's optimum; None off its front."""
+        """Gap of a gait or a walk to the environment's optimum at its speed; None off its front."""
         return gap_to_front(cot, speed, self.held_front)

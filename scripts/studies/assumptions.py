@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.main import run as run_command
 from agents.cli.options import MaybeCount, MaybePath
 from rimless_gym.equations import equations
 from rimless_gym.presets import BUILDABLE
@@ -58,11 +57,6 @@ CHANGES: Mapping[str, Mapping[str, float]] = {
         for c in DRAG_COEFFICIENTS
     },
 }
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(assumptions, arguments, "python -m scripts.studies assumptions")
 
 
 def assumptions(*, workers: MaybeCount = None, docs: MaybePath = None) -> int:

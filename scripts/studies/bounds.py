@@ -8,7 +8,7 @@ between them, and the bound is lowered by that. It takes some minutes per degree
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from agents.cli.main import run as run_command
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, SINGLE, equations
-from scripts.studies.documents.markdown import marks, refresh, table
+from scripts.studies.documents.markdown import formatted, marks, refresh
 from trajopt.gaits.fronts import shipped_front
 from trajopt.gaits.problem import MIN_NORMAL_FORCE
 from trajopt.ocp.arrays import Array
@@ -39,57 +38,44 @@ SAMPLES, FRESH, WORST, LAST = 20, 40_000, 600, 4
 #: inequalities are violated between the samples. No coefficient exceeds `LARGEST` (J).
 GAP, LARGEST = 0.03, 30.0
 
+#: Columns of the table: heading and format.
+COLUMNS = {
+    "degree": "{degree}",
+    "rounds": "{rounds}",
+    "coefficients": "{coefficients}",
+    "c at the samples": "{sampled:.5f}",
+    "ε (W)": "{violated:.3f}",
+    "δ (J)": "{fall:.1e}",
+    "bound left": "{cot:.5f}",
+}
+
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
 class Certificate(NamedTuple):
-    """A storage function's bound.
+    """A storage function's bound."""
 
-    Attributes:
-        cot: the bound with the violations added.
-        sampled: the linear program's bound, at its samples.
-        margin: of the flow's inequality, the least found (W), at most 0.
-        jump: least gain of the storage function in a jump (J), at most 0.
-    """
-
-    cot: float
-    sampled: float
-    margin: float
-    jump: float
+    cot: float  # the bound with the violations added
+    sampled: float  # the linear program's bound, at its samples
+    violated: float  # most of the flow's inequality that was found (W)
+    fall: float  # most that the storage function falls in a jump (J)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(bounds, arguments, "python -m scripts.studies bounds")
-
-
-def bounds(*, degrees: str = "5", rounds: int = 30, docs: Path | None = None) -> int:
+def bounds(*, degree: int = 5, rounds: int = 30, docs: Path | None = None) -> int:
     """Bound the least cost of transport of BUILDABLE at any speed.
 
     Args:
-        degrees: total degrees of the storage functions, separated by commas.
+        degree: total degree of the storage function.
         rounds: of adding samples where the inequality is violated.
         docs: docs/bounds.md, to write the table into.
     """
-    rows = []
-    for degree in map(int, degrees.split(",")):
-        basis = Basis(degree)
-        found = best_certificate(basis, rounds, np.random.default_rng(degree))
-        rows.append(
-            [
-                degree,
-                rounds,
-                len(basis.powers),
-                f"{found.sampled:.5f}",
-                f"{-found.margin:.3f}",
-                f"{-found.jump:.1e}",
-                f"{found.cot:.5f}",
-            ]
-        )
-        print(*rows[-1], flush=True)
-    head = ["degree", "rounds", "coefficients", "c at the samples", "ε (W)", "δ (J)", "bound left"]
+    basis = Basis(degree)
+    found = best_certificate(basis, rounds, np.random.default_rng(degree))
+    row = {"degree": degree, "rounds": rounds, "coefficients": len(basis.powers)}
+    text = formatted(COLUMNS, [row | found._asdict()]) + "\n"
     if docs:
-        refresh(docs, marks("bounds", ("storage",)), {"storage": table(head, rows) + "\n"})
+        refresh(docs, marks("bounds", ("storage",)), {"storage": text})
+    print(text)
     return 0
 
 
@@ -127,7 +113,7 @@ def certified(
         gains = [(basis.values(y) - basis.values(x)) @ z for x, y in _jumps(FRESH, rng)]
         jump = float(np.concatenate([[jump], *gains]).min())
     scale = PARAMS.idle_power / (PARAMS.idle_power - margin)
-    return Certificate(scale * (cot + jump / (WEIGHT * C.chord)), cot, margin, jump)
+    return Certificate(scale * (cot + jump / (WEIGHT * C.chord)), cot, -margin, -jump)
 
 
 def _worst(
@@ -343,11 +329,9 @@ class Basis:
 
 
 def least_cot(flow: Array, jumps: Array) -> tuple[Array, float]:
-    """The storage function's coefficients and the greatest bound at the samples.
+    """The storage function's n coefficients and the greatest bound at the samples.
 
-    Args:
-        flow: rows of `_flow_rows`, (rows, n + 2).
-        jumps: gains of the basis in jumps, (rows, n).
+    `flow` are rows of `_flow_rows`; `jumps`, (rows, n), the gains of the basis in jumps.
     """
     n = jumps.shape[1]
     box = np.eye(n + 1)[:-1]

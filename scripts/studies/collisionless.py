@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 from matplotlib.figure import Figure
 
-from agents.cli.main import run as run_command
 from agents.cli.options import MaybeCount, MaybePath
 from rimless_gym.equations import equations
 from rimless_gym.params import WheelParams
@@ -76,11 +75,6 @@ class Landing(NamedTuple):
     volts: float  # voltage there (V)
     cot: float  # cost of transport
     loss: float  # energy that the touchdown takes (J)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(collisionless, arguments, "python -m scripts.studies collisionless")
 
 
 def collisionless(*, workers: MaybeCount = None, docs: MaybePath = None) -> int:

@@ -1,4 +1,4 @@
-"""Searches of gaits of machines that are designed with them: stages that are stored, and starts."""
+"""Searches of gaits in stages that are stored; starts of machines that are designed with gaits."""
 
 from __future__ import annotations
 
@@ -38,14 +38,9 @@ def stage(
     work: Callable[..., Any],
     workers: int | None = None,
 ) -> dict[str, Any]:
-    """Results of `work` for every task, in the tasks' order; those in the store are read.
+    """Results of `work` (gaits, or JSON values) for every task; those in the store are read.
 
-    Args:
-        store: of all stages.
-        name: of the stage, and of its folder.
-        tasks: arguments of `work` by the result's name.
-        work: a function at the top of a module; its result is a gait, or JSON values.
-        workers: processes; by default one for every core.
+    The name of the stage is its folder's; `tasks` has the arguments of `work` by result.
     """
     left = [
         (f"{name}/{key}", work, arguments)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from agents.conditions import Conditions
+from agents.experts import EXPERT_SPEED
 from agents.policies import Policy
 from agents.policy_files import BASELINES, PRETRAINED, named_policy
 from agents.rollout import episodes
@@ -46,7 +47,7 @@ EPISODES = 100
 DURATION = 20.0
 
 #: Speed of the gait that laws hold (m/s), as in the README's table.
-SPEED = 0.56
+SPEED = EXPERT_SPEED
 
 WHEEL, COMMANDED = ENVIRONMENTS = ("RimlessWheel-v0", "RimlessWheelSpeed-v0")
 MARKS = markdown.marks("returns", ENVIRONMENTS)

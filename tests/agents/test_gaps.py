@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,13 +15,16 @@ from agents.conditions import Conditions
 from agents.evaluate import Protocol, evaluate
 from agents.gaps import (
     FRONT_STEPS,
+    best_at_any_speed,
     best_held,
     gap_to_continuous_optimum,
     gap_to_front,
+    gap_to_least,
     gap_to_optimum,
     ticks_around,
 )
 from rimless_gym import BUILDABLE, PROTOTYPE
+from rimless_gym.params import WheelParams
 from trajopt import periodic_gait
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.library import shipped
@@ -55,16 +59,35 @@ def test_the_optimum_is_of_gaits_of_one_to_three_steps(
 
 
 @pytest.mark.slow
-def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> None:
-    best = periodic_gait("THESIS_PHYSICAL", 0.5, 1, hold=0.01)
-    found = gap_to_optimum(best.params, 1.1 * best.cot, best.speed)
-    assert found == pytest.approx(0.1, abs=2e-3)
+def test_the_gaps_are_to_the_environments_own_optimum(tmp_path: Path) -> None:
+    best = periodic_gait("BUILDABLE", 0.6354, 1, hold=0.01)
+    walk = best.params, 1.1 * best.cot, best.speed, tmp_path
+    assert gap_to_optimum(*walk) == pytest.approx(0.1, abs=2e-3)
+    assert gap_to_least(*walk) == pytest.approx(0.1, abs=2e-3)
+
+
+@pytest.mark.parametrize("machine", [BUILDABLE, PROTOTYPE])
+def test_the_best_gait_at_any_speed_is_found_from_afar_where_none_are_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, machine: WheelParams
+) -> None:
+    solved = []
+
+    def best_held(params, ticks, *others):
+        solved.append(ticks)
+        return SimpleNamespace(cot=0.04 + 1e-5 * (ticks - 41) ** 2) if ticks > 39 else None
+
+    monkeypatch.setattr("agents.gaps.best_held", best_held)
+    gait = best_at_any_speed(machine, machine.step_length / 0.8, tmp_path)
+    assert gait is not None
+    assert gait.cot == 0.04
+    assert len(solved) == len(set(solved)) < (6 if machine == BUILDABLE else 20)
 
 
 def test_there_is_no_gap_where_nothing_walks_and_no_optimum_where_a_step_is_out_of_range(
     tmp_path: Path,
 ) -> None:
-    assert gap_to_optimum(BUILDABLE, math.nan, math.nan) is None
+    assert gap_to_optimum(BUILDABLE, math.nan, math.nan, tmp_path) is None
+    assert gap_to_least(BUILDABLE, math.nan, math.nan, tmp_path) is None
     for ticks in (1, 2000):
         assert best_held(BUILDABLE, ticks, tmp_path) is None
 

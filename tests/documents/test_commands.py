@@ -4,12 +4,11 @@ import re
 import shlex
 import tomllib
 from functools import partial
-from importlib import import_module
 
 import pytest
 
 from agents.cli.main import COMMANDS, main
-from scripts.studies.__main__ import STUDIES
+from scripts.studies.__main__ import run_study
 from tests.documents.pages import PAGES, ROOT, commands_of, names
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -30,8 +29,7 @@ def test_every_command_has_the_options_with_which_it_is_shown(path, capsys):
                 assert word in COMMANDS, command
                 require_options(command, partial(main, [word, "--help"]), capsys)
             case ["python", "-m"] if command.split()[2] == "scripts.studies":
-                study = import_module(f"scripts.studies.{STUDIES[command.split()[3]]}")
-                require_options(command, partial(study.main, ["--help"]), capsys)
+                require_options(command, partial(run_study, command.split()[3], ["--help"]), capsys)
             case ["python", script] if script.startswith("scripts/") and "NAME" not in script:
                 assert (ROOT / script).is_file(), command
                 word = RUN.search((ROOT / script).read_text())[1]

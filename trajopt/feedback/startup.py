@@ -71,6 +71,26 @@ MOST_CACHED = 8
 _LAST = 1.0 - 1e-9
 
 
+class Cost(NamedTuple):
+    """What a start-up controller minimises: a weighted sum, by default the time to the gait.
+
+    With the weights of a task's reward it loses the least return. The constants of this module in
+    seconds are then weighted as times are, and the "times" are costs.
+
+    Attributes:
+        time: weight of a second.
+        energy: weight of a joule that is drawn from the battery, without regeneration.
+        distance: weight of a metre; negative where distance is rewarded.
+    """
+
+    time: float = 1.0
+    energy: float = 0.0
+    distance: float = 0.0
+
+
+TIME = Cost()
+
+
 class StateGrid(NamedTuple):
     """Nodes of the four coordinates, evenly spaced; the pendulum's angle goes round.
 
@@ -126,20 +146,31 @@ class Times(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class StartUpController:
-    """The voltage after which about the least time to a gait remains."""
+    """The voltage after which about the least time to a gait remains.
+
+    Attributes:
+        params: the machine.
+        grid: of the times.
+        times: to the gait (s), or other costs.
+        cost: that is minimised.
+    """
 
     params: WheelParams
     grid: StateGrid
     times: Times
+    cost: Cost = TIME
 
     @classmethod
-    def to(cls, law: Law, near: float, counts: Sequence[int] | None = None) -> StartUpController:
+    def to(
+        cls, law: Law, near: float, counts: Sequence[int] | None = None, cost: Cost = TIME
+    ) -> StartUpController:
         """The controller that leads to a law's gait; it takes some seconds to a minute to compute.
 
         Args:
             law: that takes over near its gait.
             near: distance from the gait at which it does; > 0.
             counts: of the grid's nodes of each coordinate, default `COUNTS`.
+            cost: to minimise, default: the time.
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
@@ -151,18 +182,18 @@ class StartUpController:
                 f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
                 "and nothing could lead there; raise the counts or near"
             )
-        return cls(law.params, grid, time_to_gait(law.params, grid, at_the_gait))
+        return cls(law.params, grid, time_to_gait(law.params, grid, at_the_gait, cost), cost)
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
         smooth, modes = states_and_modes(x, mode)
         states, choices = hybrid_states(smooth, modes), voltages(self.params)
         repeated = np.repeat(states, len(choices), axis=0)
-        after, cost = simulated(self.params, repeated, np.tile(choices, len(states)))
+        after, cost = simulated(self.params, repeated, np.tile(choices, len(states)), self.cost)
         remaining = _remaining(after, cost, self.times, self.grid)
         longer = remaining.reshape(len(states), len(choices))
         longer -= longer.min(axis=1, keepdims=True)
-        weights = np.exp(-longer / SOFTNESS)
+        weights = np.exp(-longer / (SOFTNESS * self.cost.time))
         mean = (weights * choices).sum(axis=1) / weights.sum(axis=1)
         return np.asarray(mean if np.ndim(x) == 2 else mean[0])
 
@@ -176,16 +207,25 @@ def _grid(law: Law, counts: Sequence[int]) -> StateGrid:
 _CACHE: dict[str, StartUpController] = {}
 
 
-def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpController:
-    """`StartUpController.to`, computed once for the last few gaits, or read from the folder."""
+def startup_for(
+    law: Law, near: float, folder: Path | None = None, cost: Cost = TIME
+) -> StartUpController:
+    """`StartUpController.to`, computed once for the last few gaits.
+
+    Args:
+        law: that takes over near its gait.
+        near: distance from the gait at which it does; > 0.
+        folder: where its times are also stored, and read from if they are there.
+        cost: to minimise, default: the time.
+    """
     orbit = law.data.orbit.states
-    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit)
+    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit, cost=cost)
     startup, store = _CACHE.pop(name, None), None if folder is None else Store(folder)
     if startup is None and store is not None and name in store:
         times = Times(**store.load(name))
-        startup = StartUpController(law.params, _grid(law, COUNTS), times)
+        startup = StartUpController(law.params, _grid(law, COUNTS), times, cost)
     if startup is None:
-        startup = StartUpController.to(law, near)
+        startup = StartUpController.to(law, near, None, cost)
         if store is not None:
             store.save(name, startup.times._asdict())
     _CACHE[name] = startup  # the last one is the one that was used last
@@ -199,10 +239,13 @@ def voltages(params: WheelParams) -> Floats:
     return np.linspace(-params.voltage_limit, params.voltage_limit, VOLTAGES)
 
 
-def simulated(params: WheelParams, states: Floats, volts: Floats) -> tuple[Floats, Floats]:
+def simulated(
+    params: WheelParams, states: Floats, volts: Floats, weights: Cost = TIME
+) -> tuple[Floats, Floats]:
     """Hold voltages (N,) for a moment from hybrid states (N, STATE_SIZE).
 
-    Returned are the states afterwards, and the time and penalties (s), (N,), infinite for a fall.
+    Returns:
+        The states afterwards, and the cost with penalties, (N,), infinite for a fall.
     """
     after, cost = states.copy(), np.empty(len(states))
     margin = CONTACT_MARGIN * params.weight
@@ -212,7 +255,10 @@ def simulated(params: WheelParams, states: Floats, volts: Floats) -> tuple[Float
         out = advance(params, after[part], volts[part], HOLD)
         lacking = np.clip(1.0 - out[:, ROW.min_normal_force] / margin, 0.0, 1.0)
         fallen = out[:, ROW.failure] != 0.0
-        cost[part] = np.where(fallen, np.inf, HOLD + UNLOADED * lacking)
+        energy = out[:, ROW.electrical_positive] + params.idle_power * HOLD
+        weighted = weights.energy * energy + weights.distance * out[:, ROW.distance]
+        weighted += weights.time * (HOLD + UNLOADED * lacking)
+        cost[part] = np.where(fallen, np.inf, weighted)
 
     if len(states) <= BATCH:
         simulate(0)
@@ -234,13 +280,15 @@ class Outcomes(NamedTuple):
     cost: NDArray[np.float32]
 
 
-def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_]) -> Times:
+def time_to_gait(
+    params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_], cost: Cost = TIME
+) -> Times:
     """The time (s) to a gait from all states, `NEVER` where nothing leads there.
 
     `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
     """
-    single = _outcomes(params, grid.single())
-    double = _outcomes(params, grid.double())
+    single = _outcomes(params, grid.single(), cost)
+    double = _outcomes(params, grid.double(), cost)
     counts = grid.counts
     start = np.where(at_the_gait, 0.0, NEVER)
     times = Times(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
@@ -260,13 +308,13 @@ def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.b
     )
 
 
-def _outcomes(params: WheelParams, nodes: Floats) -> Outcomes:
+def _outcomes(params: WheelParams, nodes: Floats, weights: Cost) -> Outcomes:
     """Hold every voltage from every node."""
     n, choices = len(nodes), voltages(params)
     states = np.empty((n, len(choices), 5), np.float32)
     cost = np.empty((n, len(choices)), np.float32)
     for k, volts in enumerate(choices):
-        after, cost[:, k] = simulated(params, nodes, np.full(n, volts))
+        after, cost[:, k] = simulated(params, nodes, np.full(n, volts), weights)
         states[:, k, :4], states[:, k, 4] = after[:, :4], after[:, MODE]
     states[:, :, 1] = np.mod(states[:, :, 1], 2 * np.pi)
     return Outcomes(states, cost)

@@ -61,9 +61,7 @@ def least_losses(params: WheelParams, speed: float, turns_per_step: float) -> fl
         turns_per_step: turns that theta gains per step.
     """
     c = params.constants
-    steps_per_second = speed / c.chord
-    dphi, dtheta = c.alpha * steps_per_second, 2 * math.pi * turns_per_step * steps_per_second
-    dpsi = abs(_eq.relative_rate(dphi, dtheta, c))
+    dphi, dtheta, dpsi = mean_rates(params, speed, turns_per_step)
     end = ENVELOPE * c.w
     losses, tangent = (
         _eq.losses(dphi, rate, 0.0, _eq.motor_voltage(rate, 0.0, c), c)
@@ -72,6 +70,40 @@ def least_losses(params: WheelParams, speed: float, turns_per_step: float) -> fl
     friction = tangent.friction + c.F0 * max(dpsi - end, 0.0)
     windage = _eq.windage(dtheta, c) * dtheta
     return float(losses.damping + losses.drag + windage + friction)
+
+
+def motor_deficit(params: WheelParams, speed: float, turns_per_step: float) -> float:
+    """Mean power (W) that the motor is short of, at its voltage limit, in a periodic motion.
+
+    The power at the shaft is concave in psi', so its mean is at most that at the mean rate, or at
+    the rate at which it is largest. What it cannot supply of the least losses is a proof that there
+    is no such motion; that nothing is short does not prove that there is one.
+
+    Args:
+        params: the machine.
+        speed: mean speed (m/s).
+        turns_per_step: turns that theta gains per step.
+
+    Returns:
+        Not positive if nothing is short; -inf where the impact law may create energy.
+    """
+    if params.impact_law != "plastic":
+        return -math.inf
+    c, volts = params.constants, params.voltage_limit
+    needed = least_losses(params, speed, turns_per_step) - _descent(params, speed)
+    most_powerful = volts / (2 * c.K) if c.K > 0 else 0.0
+    rate = max(mean_rates(params, speed, turns_per_step)[2], most_powerful)
+    return float(needed - _eq.shaft_power(rate, volts, c))
+
+
+def mean_rates(
+    params: WheelParams, speed: float, turns_per_step: float
+) -> tuple[float, float, float]:
+    """Mean phi' and theta', and the size of the mean psi' (rad/s); see `least_losses`."""
+    c = params.constants
+    steps_per_second = speed / c.chord
+    dphi, dtheta = c.alpha * steps_per_second, 2 * math.pi * turns_per_step * steps_per_second
+    return dphi, dtheta, abs(_eq.relative_rate(dphi, dtheta, c))
 
 
 def _least_supply(params: WheelParams, needed: float) -> float:

@@ -207,9 +207,9 @@ def _found(wanted: Wanted, known: Sequence[Solution]) -> Solution | str:
     continued from shipped gaits, too.
     """
     params, speed, steps, regeneration, hold = wanted
-    entries = [] if hold else [e for e in candidates(params, speed, steps) if e.params == params]
+    entries = [] if hold else candidates(params, speed, steps)
     gaits: list[Entry | Solution] = [*entries, *known]
-    best = next(iter(ranked(gaits, params, speed)), None)
+    best = next(iter(ranked(gaits, speed)), None)
     guess = best.load() if isinstance(best, Entry) else best
     try:
         return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=guess)

@@ -119,7 +119,7 @@ class _HeldSearch:
         if optimum.success:
             self.solved.append(optimum)
         else:
-            self.failures.append(f"{optimum.status} with the voltage held")
+            self.failures.append("no gait was found nearby with the voltage held")
 
     def descend(self) -> None:
         """Move single touchdowns by an interval for as long as that saves energy."""

@@ -21,6 +21,7 @@ import numpy as np
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.ranking import least_first
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 ARCHIVE = Path(__file__).parent / "library" / "gaits.zip"
 
@@ -94,13 +95,15 @@ def warm_starts(
     *,
     double_stance: bool = False,
 ) -> list[Solution]:
-    """Shipped gaits to start from, the most promising first (see `ranked`), at most `most`.
+    """Shipped gaits of a machine to start from, the most promising first, at most `most`.
 
-    With `double_stance` those that stop on two feet once in so many steps, else those that do not.
+    See `ranked`. None if no gaits of the machine are shipped. With `double_stance` those that stop
+    on two feet once in so many steps, of any machine if none of this one, else those that do not.
     """
     if double_stance:
         stopping = [e for e in index() if e.double_stance and e.steps == steps]
-        return [entry.load() for entry in ranked(stopping, params, speed)[:most]]
+        stopping = [e for e in stopping if e.params == params] or stopping
+        return [entry.load() for entry in ranked(stopping, speed)[:most]]
     return [entry.load() for entry in candidates(params, speed, steps)[:most]]
 
 
@@ -113,70 +116,79 @@ def candidates(params: WheelParams, speed: float, steps: int) -> list[Entry]:
             for entry in nearest(params, speed, divisor):
                 turns = entry.theta_turns * times
                 entries.append(entry._replace(steps=steps, theta_turns=turns, repeated=times))
-    return ranked(entries, params, speed)
+    return ranked(entries, speed)
 
 
 def nearest(params: WheelParams, speed: float, steps: int) -> list[Entry]:
-    """The shipped gaits of as many steps that are nearest: by legs, by machine, then by speed.
+    """The machine's shipped gaits of as many steps that are nearest in speed.
 
     One for every number of turns of theta.
     """
-    fitting = [entry for entry in index() if entry.steps == steps and not entry.double_stance]
-    least = min((_legs_apart(entry, params) for entry in fitting), default=0)
-    fitting = [entry for entry in fitting if _legs_apart(entry, params) == least]
+    fitting = [
+        entry
+        for entry in index()
+        if (entry.params, entry.steps, entry.double_stance) == (params, steps, False)
+    ]
     families: dict[int, Entry] = {}
-
-    def distance(entry: Entry) -> tuple[int, float]:
-        differing, gap = _distance(entry, params, speed)
-        return differing, round(gap, 6)  # m/s; rounding must not decide between equal distances
-
-    for entry in sorted(fitting, key=distance):
+    for entry in sorted(fitting, key=lambda entry: _gap(entry, speed)):
         families.setdefault(entry.theta_turns, entry)
     return list(families.values())
 
 
-def ranked(gaits: Sequence[G], params: WheelParams, speed: float) -> list[G]:
-    """Gaits sorted by distance in machine, by distance in speed to within `NEAR`, then by cost.
+def ranked(gaits: Sequence[G], speed: float) -> list[G]:
+    """Gaits sorted by distance in speed to within `NEAR`, then by cost.
 
     The cost that counts is a family's, all gaits of one number of turns of the pendulum: it is that
     of its gait nearest in speed. A slower gait of the family costs less and is no better a guess.
     """
 
-    def nearness(gait: G) -> tuple[int, int]:
-        differing, gap = _distance(gait, params, speed)
-        return differing, round(gap / NEAR - 1e-3)  # shifted, so that round speeds are not on edge
+    def nearness(gait: G) -> int:
+        return round(_gap(gait, speed) / NEAR - 1e-3)  # shifted: round speeds are not on edge
 
-    def gap(gait: G) -> float:
-        return round(_distance(gait, params, speed)[1], 6)
-
-    families: dict[tuple[tuple[int, int], int], list[G]] = {}
-    for gait in sorted(least_first(gaits, lambda gait: gait.cot), key=gap):
+    families: dict[tuple[int, int], list[G]] = {}
+    by_cost = least_first(gaits, lambda gait: gait.cot)
+    for gait in sorted(by_cost, key=lambda gait: _gap(gait, speed)):
         families.setdefault((nearness(gait), gait.theta_turns), []).append(gait)
     best = least_first(families.values(), lambda family: family[0].cot)
     best.sort(key=lambda family: nearness(family[0]))
     return [gait for family in best for gait in family]
 
 
-def _legs_apart(gait: Entry | Solution, params: WheelParams) -> int:
-    return abs(gait.params.n_legs - params.n_legs)
+def gaits_around(speed: float, steps: int, most: int) -> list[Solution]:
+    """Shipped gaits of as many steps, of every machine, with every number of turns of theta.
+
+    Args:
+        speed: m/s.
+        steps: per stride.
+        most: gaits of one machine and number of turns, the nearest in speed.
+    """
+    families: dict[tuple[WheelParams, int], list[Entry]] = {}
+    for entry in sorted(index(), key=lambda entry: _gap(entry, speed)):
+        if entry.steps == steps and not entry.double_stance:
+            families.setdefault((entry.params, entry.theta_turns), []).append(entry)
+    return [entry.load() for family in families.values() for entry in family[:most]]
 
 
-def _distance(gait: Entry | Solution, params: WheelParams, speed: float) -> tuple[int, float]:
-    return _fields_apart(gait.params, params), abs(gait.speed - speed)
-
-
-@lru_cache
-def _fields_apart(one: WheelParams, other: WheelParams) -> int:
-    mine, theirs = (dataclasses.asdict(params) for params in (one, other))
-    return sum(mine[name] != theirs[name] for name in mine)
+def _gap(gait: Entry | Solution, speed: float) -> float:
+    """Distance in speed (m/s), rounded so that rounding does not decide between equal ones."""
+    return round(abs(gait.speed - speed), 6)
 
 
 def repeated(solution: Solution, times: int) -> Solution:
     """The same gait with `times` strides as one; its verification remains that of one stride."""
     if times == 1:
         return solution
-    turns, phases = solution.theta_turns, []
-    for stride in range(times):
-        turned = np.array([0.0, 2 * math.pi * turns * stride, 0.0, 0.0])
-        phases += [dataclasses.replace(p, states=p.states + turned) for p in solution.phases]
-    return dataclasses.replace(solution, phases=tuple(phases), theta_turns=turns * times)
+    phases = repeated_phases(solution.phases, solution.theta_turns, times)
+    return dataclasses.replace(solution, phases=phases, theta_turns=solution.theta_turns * times)
+
+
+def repeated_phases(
+    phases: Sequence[PhaseTrajectory], turns: int, times: int
+) -> tuple[PhaseTrajectory, ...]:
+    """The phases of `times` strides that each gain so many whole turns of theta."""
+    shifts = [np.array([0.0, 2 * math.pi * turns * stride, 0.0, 0.0]) for stride in range(times)]
+    return tuple(
+        dataclasses.replace(phase, states=phase.states + shift)
+        for shift in shifts
+        for phase in phases
+    )

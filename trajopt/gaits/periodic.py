@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,17 +14,19 @@ from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
 from rimless_gym.symbolic import HybridModel
+from trajopt.gaits.bounds import motor_deficit
 from trajopt.gaits.held_gait import held_gait
 from trajopt.gaits.held_stride import held_speed, ticks_of_stride
-from trajopt.gaits.library import warm_starts
+from trajopt.gaits.library import gaits_around, warm_starts
 from trajopt.gaits.problem import (
     CONTROL_DEGREE,
     SHORTEST_STEP,
+    fastest_pressed,
     fastest_walk,
     gait_problem,
     stands,
 )
-from trajopt.gaits.search import GaitFamily, search_gaits
+from trajopt.gaits.search import possible_turns, search_gaits
 from trajopt.gaits.solution import Optimality, Solution
 from trajopt.gaits.stability import step_maps, transition
 from trajopt.gaits.verify import (
@@ -42,7 +44,7 @@ from trajopt.ocp.continuation import Curve, continued
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.guesses import line
 from trajopt.ocp.mesh import Mesh
-from trajopt.ocp.multi_start import Optimum, Outcome
+from trajopt.ocp.multi_start import Search
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.refinement import MAX_ELEMENTS
@@ -53,11 +55,12 @@ from trajopt.provenance import provenance
 #: First mesh of a gait that comes from a random start.
 ELEMENTS, DEGREE = 16, 7
 
-#: Random starts where no gait of the machine is known, and how many of their optima are refined.
-DEFAULT_STARTS, REFINED = 24, 3
+#: Random starts where no gait of the machine is known, and how many of a search's optima are
+#: refined.
+DEFAULT_STARTS, REFINED = 60, 3
 
-#: Optima of random starts are refined if they cost less than this times the gait continued from
-#: a known one: the search's mesh is coarse.
+#: Optima of a search are refined if they cost less than this times the gait continued from a known
+#: one: the search's mesh is coarse.
 WORTH_REFINING = 1.05
 
 #: Most shipped gaits that are tried as warm starts, one after the other, until one succeeds; and
@@ -70,8 +73,22 @@ MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 #: Speeds (m/s) that differ by less are the same.
 SAME = 1e-9
 
-#: An optimum and its number of turns of theta per stride.
-Turning: TypeAlias = tuple[Extremal, int]
+#: With what a search that found no gait is made again, at other limits and speeds.
+SHORT_SEARCH: dict[str, Any] = {"starts": 15, "shipped": 1}
+
+
+class Solved(NamedTuple):
+    """A gait of a problem on a fine mesh.
+
+    Attributes:
+        extremal: the optimum.
+        turns: whole turns of theta per stride.
+        search: of a gait that a search found: how many of how many starts met it.
+    """
+
+    extremal: Extremal
+    turns: int
+    search: dict[str, float]
 
 
 class NoGaitError(ValueError):
@@ -94,9 +111,10 @@ def periodic_gait(
 ) -> Solution:
     """The periodic gait of least cost of transport that the search finds, verified.
 
-    Many local optima exist. The search starts from `guess`, or else from the best gait nearby that
-    is shipped with the package, continued to the wanted speed in small steps; and from `starts`
-    random motions. The best result is solved on a refined mesh and re-simulated.
+    Many local optima exist. The gaits of a machine that is shipped, or a `guess`, are continued to
+    the wanted speed in small steps. For any other machine the search starts from shipped gaits of
+    every winding number, and from `starts` random motions of every winding number that the motor
+    allows. The best results are solved on a refined mesh and re-simulated.
 
     With a `hold`, the voltage is constant between the ticks of a clock, as it is in the
     environment with ``hold=0.01``. The touchdowns fall anywhere between two ticks; where, the
@@ -119,10 +137,11 @@ def periodic_gait(
         starts: number of random starts; by default none if a gait of the same machine is known,
             else `DEFAULT_STARTS`.
         seed: of the random starts.
-        guess: a gait of as many steps to start from, instead of the shipped ones. One that has a
-            hold itself, or the very speed, is what the search for a held gait starts from.
-        workers: processes for the random starts.
-        progress: whether to show a progress bar.
+        guess: a gait of as many steps to start from, instead of the shipped ones; it is verified
+            anew. One that has a hold itself, or the very speed, is what the search for a held gait
+            starts from.
+        workers: processes for the starts.
+        progress: whether to show a progress bar, with the least CoT and how many starts met it.
 
     Returns:
         The gait; see its `verification`, which may have failed.
@@ -134,6 +153,9 @@ def periodic_gait(
     """
     params = as_params(params)
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
+    if guess and guess.hold is None:
+        anew = verify(guess.params, guess.phases, guess.theta_turns)
+        guess = dataclasses.replace(guess, verification=anew)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
     if flag("double_stance", double_stance):
@@ -151,21 +173,26 @@ def periodic_gait(
         return _held(free, speed, hold, regeneration)
     known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
     if starts is None:
-        starts = 0 if guess or any(gait.params == params for gait in known) else DEFAULT_STARTS
+        starts = 0 if known else DEFAULT_STARTS
     solved, failures = _continued_from(known, params, speed, regeneration)
-    if starts > 0:
-        family = GaitFamily.create(params, speed, steps, regeneration)
-        search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
-        failures += [outcome.failure for outcome in search.failures]
-        least = min((extremal.cost for extremal, _ in solved), default=math.inf)
-        solved += _best_refined(family, search.optima[:REFINED], WORTH_REFINING * least)
+    if starts > 0 or not known:
+        search = search_gaits(
+            *(params, speed, steps, regeneration),
+            starts=starts,
+            seed=seed,
+            workers=workers,
+            progress=progress,
+        )
+        least = min((each.extremal.cost for each in solved), default=math.inf)
+        solved += _best_refined(search, WORTH_REFINING * least)
     if not solved:
-        raise NoGaitError(_no_gait(params, speed, steps, failures))
+        why = _remedies(params, speed, steps, workers) if not known else _binding(failures)
+        raise NoGaitError(_no_gait(params, speed, steps, why))
     settings = {"speed": speed, "starts": starts, "seed": seed}
     already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
     solutions = []
-    for extremal, turns in least_first(solved, lambda pair: pair[0].cost):
-        solution = finished(params, extremal, turns, regeneration, settings)
+    for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
+        solution = finished(params, extremal, turns, regeneration, settings | met)
         if solution.verification.passed:
             return least_first([solution, *already], lambda gait: gait.cot)[0]
         solutions.append(solution)
@@ -179,11 +206,12 @@ def _stopping(
     """The gait of `periodic_gait` that stops in every stride."""
     known = [guess] if guess else warm_starts(params, speed, steps, double_stance=True)
     known = known or warm_starts(params, speed, steps, MOST_WARM_STARTS)
+    known = known or gaits_around(speed, steps, 1)[:MOST_WARM_STARTS]
     known = [gait if gait.double_stance else with_stop(gait) for gait in known]
     solved, failures = _continued_from(known, params, speed, regeneration)
     if not solved:
-        raise NoGaitError(_no_gait(params, speed, steps, failures))
-    extremal, turns = least_first(solved, lambda pair: pair[0].cost)[0]
+        raise NoGaitError(_no_gait(params, speed, steps, _binding(failures)))
+    extremal, turns, _ = least_first(solved, lambda each: each.extremal.cost)[0]
     return finished(params, extremal, turns, regeneration, {"speed": speed})
 
 
@@ -234,19 +262,19 @@ def _held(free: Solution, speed: float, hold: float, regeneration: bool) -> Solu
     settings = {"speed": speed, "hold": hold, "free_cot": free.cot}
     gait, failures = held_gait(free, hold, ticks, regeneration, settings)
     if gait is None:
-        raise NoGaitError(_no_gait(free.params, speed, free.steps, failures))
+        raise NoGaitError(_no_gait(free.params, speed, free.steps, _binding(failures)))
     return gait
 
 
 def _continued_from(
     known: Sequence[Solution], params: WheelParams, speed: float, regeneration: bool
-) -> tuple[list[Turning], list[str]]:
+) -> tuple[list[Solved], list[str]]:
     """The gaits continued from the first suitable known ones; and why earlier ones did not succeed.
 
     The first gait will do if the known one has the very speed, or is of another machine. Between
     two known gaits the nearer one need not lead to the gait of less cost, so one more is tried.
     """
-    solved: list[Turning] = []
+    solved: list[Solved] = []
     failures: list[str] = []
     for gait in known:
         gap = abs(gait.speed - speed)
@@ -256,29 +284,23 @@ def _continued_from(
         if extremal is None:
             failures.append(obstacle)
             continue
-        solved.append((extremal, gait.theta_turns))
+        solved.append(Solved(extremal, gait.theta_turns, {}))
         if len(solved) == 2 or gap < SAME or gait.params != params:
             break
     return solved, failures
 
 
-def _best_refined(family: GaitFamily, optima: Sequence[Optimum], most: float) -> list[Turning]:
-    """The optima that cost less than `most`, solved on a finer mesh."""
-    good = [optimum.best for optimum in optima if optimum.cost < most]
-    refined = [(_refined(family, outcome), int(outcome.kind)) for outcome in good]
-    return [(extremal, turns) for extremal, turns in refined if extremal.succeeded]
-
-
-def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
-    problem = gait_problem(
-        family.params,
-        speed=family.speed,
-        steps=family.steps,
-        theta_turns=int(outcome.kind),
-        regeneration=family.regeneration,
-    )
-    mesh = Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
-    return solve(problem, outcome.phases, mesh, verify=False, mu_init=WARM_BARRIER)
+def _best_refined(search: Search, most: float) -> list[Solved]:
+    """The best optima of a search that cost less than `most`, solved on a finer mesh."""
+    solved = []
+    for optimum in search.optima[:REFINED]:
+        if optimum.cost < most:
+            problem = search.start(optimum.best.index).problems[-1]
+            mesh = Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
+            extremal = solve(problem, optimum.phases, mesh, verify=False, mu_init=WARM_BARRIER)
+            met: dict[str, float] = {"met": len(optimum.starts), "tried": len(search.outcomes)}
+            solved.append(Solved(extremal, int(optimum.best.kind), met))
+    return [each for each in solved if each.extremal.succeeded]
 
 
 def _arguments(
@@ -287,12 +309,6 @@ def _arguments(
     """Speed, steps and starts as plain numbers; refuses those with which there is no gait."""
     speed, steps = positive("speed", speed), integer("steps", steps, 1)
     starts = None if starts is None else integer("starts", starts, 0)
-    fastest = fastest_walk(params)
-    if speed > fastest:
-        raise NoGaitError(
-            f"speed = {speed}: must be at most {fastest:.4g} m/s, at which this machine's legs "
-            f"turn at {MAX_RATE:g} rad/s, the fastest that is considered"
-        )
     if steps > MOST_STEPS:
         raise NoGaitError(
             f"steps = {steps}: must be at most {MOST_STEPS}, because a mesh has at most "
@@ -308,15 +324,70 @@ def _arguments(
             f"steps = {steps}: the guess has {guess.steps} steps per stride; give a guess with "
             f"{steps}"
         )
+    _require_possible(params, speed, steps)
     return speed, steps, starts
 
 
-def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[str]) -> str:
-    tried = "\n  ".join(dict.fromkeys(failures)) or "no start was given"
+def _require_possible(params: WheelParams, speed: float, steps: int) -> None:
+    """Refuse a speed at which physics allows no gait, with the quantity that is short."""
+    fastest, pressed = fastest_walk(params), fastest_pressed(params)
+    if speed > fastest:
+        raise NoGaitError(
+            f"speed = {speed}: must be at most {fastest:.4g} m/s, at which this machine's legs "
+            f"turn at {MAX_RATE:g} rad/s, the fastest that is considered"
+        )
+    if speed > pressed:
+        raise NoGaitError(
+            f"speed = {speed}: must be at most {pressed:.4g} m/s, above which this machine's feet "
+            "lift off: the hub falls too far in a step for its pendulum to make up; a heavier or "
+            "longer pendulum, or more legs, allow a higher speed"
+        )
+    if not possible_turns(params, speed, steps):
+        short = min(motor_deficit(params, speed, k / steps) for k in range(-steps, 1))
+        raise NoGaitError(
+            f"voltage_limit = {params.voltage_limit:g}: the motor is {short:.3g} W short of what "
+            f"friction, damping, drag and slope take at least at {speed:g} m/s; raise the voltage "
+            "limit, or lower the losses, the slope or the speed"
+        )
+
+
+def _no_gait(params: WheelParams, speed: float, steps: int, why: str) -> str:
+    """What was not found; what binds, and what to try."""
     return (
-        f"no gait of {steps} step(s) per stride was found at {speed} m/s with "
-        f"voltage_limit = {params.voltage_limit} V and friction = {params.friction}:\n  {tried};\n"
-        "try another speed or number of steps, more starts, or a higher voltage limit or friction"
+        f"no gait of {steps} step(s) per stride was found at {speed:g} m/s with "
+        f"voltage_limit = {params.voltage_limit:g} V and friction = {params.friction:g}\n{why}"
+    )
+
+
+def _binding(failures: Sequence[str]) -> str:
+    """What binds and what to try, where known gaits were continued."""
+    return (
+        f"what binds: {'; '.join(dict.fromkeys(failures))}\n"
+        "what to try: another speed or number of steps, random starts, or a higher voltage limit "
+        "or friction"
+    )
+
+
+def _remedies(params: WheelParams, speed: float, steps: int, workers: int) -> str:
+    """The same after a search: with which other limits and speeds a short one finds gaits."""
+    volts, friction = 2 * params.voltage_limit, 2 * params.friction
+    others = {
+        f"voltage_limit = {volts:g}": (params.replace(voltage_limit=volts), speed),
+        f"friction = {friction:g}": (params.replace(friction=friction), speed),
+        f"speed = {speed / 2:g}": (params, speed / 2),
+    }
+    remedies, useless = [], []
+    for name, (machine, other) in others.items():
+        search = search_gaits(machine, other, steps, workers=workers, **SHORT_SEARCH)
+        if search.optima:
+            remedies.append(f"{name} (CoT {search.optima[0].cost / search.unit[1]:.2g})")
+        else:
+            useless.append(name)
+    binds = [text.split(" = ")[0] for text in remedies] or ["more than one limit"]
+    rest = f"; no gait was found with {' or '.join(useless)}" if useless else ""
+    return (
+        f"what binds: {', '.join(binds)}{rest}\n"
+        f"what to try: {' or '.join(remedies) or 'several of these together'}; more starts"
     )
 
 
@@ -404,7 +475,7 @@ def _stopped(curve: Curve, begin: float) -> str:
 
 def _obstacle(extremal: Extremal, reached: float) -> str:
     worst = extremal.violations[0] if extremal.violations else "no constraint violated"
-    return f"{extremal.status}, {worst}; {reached:.3f} m/s was reached"
+    return f"{worst}; {reached:.3f} m/s was reached"
 
 
 # -- from an optimum to a gait --------------------------------------------------------------------

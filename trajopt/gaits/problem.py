@@ -293,3 +293,20 @@ def fastest_walk(params: WheelParams) -> float:
     """The highest mean speed (m/s) of steps within the rates that are considered."""
     c = params.constants
     return params.step_length / max((c.b - c.a) / MAX_RATE, SHORTEST_STEP)
+
+
+def fastest_pressed(params: WheelParams) -> float:
+    """A mean speed (m/s) above which no gait keeps its feet pressed down; infinite for many.
+
+    In a step the hub rises and falls by L1 (1 - cos(alpha / 2)), and the centre of mass with it,
+    but for the largest part that the pendulum can make up. Between its highest point and the
+    touchdowns on either side it falls no faster than the least normal force allows, since the
+    touchdowns themselves only push it up.
+    """
+    c = params.constants
+    made_up = 2 * c.S2 / (c.m1 + c.m2)
+    height = hybrid.hub_position(math.pi / 2, c)[1] - hybrid.hub_position(c.a, c)[1] - made_up
+    fall = c.gy - MIN_NORMAL_FORCE * params.gravity
+    if height <= 0 or fall <= 0:
+        return math.inf if height <= 0 else 0.0
+    return params.step_length / (2 * math.sqrt(2 * height / fall))

@@ -1,85 +1,144 @@
-"""Random starts for gaits: motions of several kinds of the leg and the pendulum."""
+"""The search for gaits of any machine: known gaits of other machines, and random motions."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
 from rimless_gym.params import WheelParams
+from trajopt.gaits.bounds import motor_deficit
+from trajopt.gaits.library import gaits_around, repeated_phases
 from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.ocp.guesses import Guess, polyline
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.multi_start import Outcome, Search, Start, multi_start
 from trajopt.ocp.problem import Problem
 
-#: A mesh fine enough to tell good optima from bad ones; the best are refined.
+#: A mesh fine enough to tell good optima from bad ones; the best are refined. A slow step has as
+#: many elements as make them no longer than `ELEMENT_TIME` (s), but at most `MOST_ELEMENTS`.
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
+ELEMENT_TIME, MOST_ELEMENTS = 0.05, 40
+
+#: IPOPT's iterations, and its first barrier where a start is a gait of another machine or speed.
+ITERATIONS, KNOWN_BARRIER = 150, 1e-3
+
+#: Most whole turns of theta per step, either way, in one round of random motions after another. A
+#: round makes one motion of each number. Few turns have more optima, and more that are good.
+MOST_TURNS = (8, 1, 2, 1, 4, 1, 2, 1)
+
+#: Shipped gaits of each machine and number of turns from which a search starts; and optima of one
+#: step, which a stride may repeat.
+SHIPPED, SHORTER = 3, 3
 
 
 @dataclasses.dataclass(frozen=True)
 class GaitFamily:
-    """Starts of gaits. Each is solved with regeneration first, where the landscape is smoother.
+    """Starts of gaits: first the known ones, then random motions of every winding number in turn.
+
+    A random motion is solved with regeneration first, where the landscape is smoother: ten times as
+    many become gaits.
 
     Attributes:
         params: the machine.
         speed: m/s.
-        steps: per stride.
         regeneration: whether the final objective is E, not E+.
         problem: one problem of the family; those of all starts share its functions, in other
             processes too.
+        known: gaits of any machine with as many steps, and their whole turns of theta per stride.
+        turns: that random motions make per stride, in this order, over and over.
     """
 
     params: WheelParams
     speed: float
-    steps: int
     regeneration: bool
     problem: Problem
+    known: tuple[tuple[Guess, int], ...]
+    turns: tuple[int, ...]
 
-    @classmethod
-    def create(
-        cls, params: WheelParams, speed: float, steps: int, regeneration: bool
-    ) -> GaitFamily:
-        """The family of a machine at a speed."""
-        problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
-        return cls(params, speed, steps, regeneration, problem)
+    @property
+    def steps(self) -> int:
+        """Per stride."""
+        return len(self.problem.phases)
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
         """Start number `index`."""
+        if index < len(self.known):
+            guess, turns = self.known[index]
+            known = self._posed(turns, self.regeneration)
+            return Start(guess, None, (known,), str(turns), {"mu_init": KNOWN_BARRIER})
+        turns = self.turns[(index - len(self.known)) % len(self.turns)]
         stride_time = self.steps * self.params.step_length / self.speed
-        guess, turns = random_guess(self.params, self.steps, stride_time, rng)
+        guess = random_motion(self.params, self.steps, stride_time, turns, rng)
         objectives = [True] if self.regeneration else [True, False]
-        problems = tuple(
-            posed(self.problem, self.params, self.speed, turns, regeneration)
-            for regeneration in objectives
-        )
-        return Start(guess, problems=problems, kind=str(turns))
+        problems = tuple(self._posed(turns, each) for each in objectives)
+        return Start(guess, None, problems, str(turns))
+
+    def _posed(self, turns: int, regeneration: bool) -> Problem:
+        return posed(self.problem, self.params, self.speed, turns, regeneration)
 
 
 def search_gaits(
-    family: GaitFamily,
-    starts: int,
+    params: WheelParams,
+    speed: float,
+    steps: int,
+    regeneration: bool = False,
     *,
+    starts: int,
+    shipped: int = SHIPPED,
     seed: int = 0,
     workers: int = 1,
     progress: bool = False,
 ) -> Search:
-    """Local optima from random starts; their `kind` is the number of turns of theta per stride.
+    """Local optima from known gaits and random motions; their `kind` is the turns of a stride.
+
+    Args:
+        params: the machine.
+        speed: m/s.
+        steps: per stride.
+        regeneration: whether the objective is E, not E+.
+        starts: random ones, in addition to the shipped gaits nearby, and for a stride of several
+            steps to the best strides of one step, which are searched for first.
+        shipped: how many of those gaits of each machine and number of turns, the nearest in speed.
+        seed: of the random starts.
+        workers: processes.
+        progress: whether to show a bar.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed.
     """
-    problem = family.problem
-    mesh = Mesh.uniform(problem, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
+    settings: dict[str, Any] = {"seed": seed, "workers": workers, "progress": progress}
+    known = [(gait.phases, gait.theta_turns) for gait in gaits_around(speed, steps, shipped)]
+    if steps > 1:
+        one_step: dict[str, Any] = {"starts": starts, "shipped": shipped, **settings}
+        single = search_gaits(params, speed, 1, regeneration, **one_step)
+        for optimum in single.optima[:SHORTER]:
+            gained = int(optimum.best.kind)
+            known.append((repeated_phases(optimum.phases, gained, steps), steps * gained))
+    problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
+    possible = possible_turns(params, speed, steps)
+    turns = tuple(k for most in MOST_TURNS for k in possible if abs(k) <= most * steps)
+    family = GaitFamily(params, speed, regeneration, problem, tuple(known), turns)
+    needed = math.ceil(params.step_length / speed / ELEMENT_TIME)
+    elements = min(max(SEARCH_ELEMENTS, needed), MOST_ELEMENTS)
+    mesh = Mesh.uniform(problem, elements, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
     return multi_start(
-        *(problem, family, starts),
-        seed=seed,
-        workers=workers,
+        *(problem, family, len(known) + (starts if turns else 0)),
         mesh=mesh,
         same=same_gait,
-        progress=progress,
+        unit=("CoT", params.weight * steps * params.step_length),
+        max_iter=ITERATIONS,
+        **settings,
     )
+
+
+def possible_turns(params: WheelParams, speed: float, steps: int) -> tuple[int, ...]:
+    """Whole turns of theta per stride for which the motor is strong enough, fewest first."""
+    most = max(MOST_TURNS) * steps
+    outwards = sorted(range(-most, most + 1), key=lambda turns: (abs(turns), turns))
+    return tuple(k for k in outwards if motor_deficit(params, speed, k / steps) <= 0)
 
 
 def same_gait(one: Outcome, other: Outcome) -> bool:

@@ -31,6 +31,9 @@ from trajopt.store import jsonable, read_arrays, write_arrays
 #: The format of a gait's file, and what to do about a file that is not of it.
 FORMAT, REMEDY = "rimless-gym gait 3", "copy it again, or solve it again with `rimless gait`"
 
+#: A gait that fewer starts of a search met may not be the best one.
+FEW = 3
+
 
 class GaitFileError(ValueError):
     """A file is not a gait that this version saved, or was edited or damaged since."""
@@ -350,6 +353,7 @@ def _report(gait: Solution) -> str:
         f"  energy audit            off by {v.energy_audit:.1e} J",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),
+        *_search(gait),
         f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in gait.floquet)}",
     ]
     return "\n".join(lines)
@@ -360,6 +364,15 @@ def _above(gait: Solution) -> str:
     if gait.cot_bound == 0:
         return ""
     return f"; the gait is {gait.cot / gait.cot_bound - 1:.2%} above it"
+
+
+def _search(gait: Solution) -> list[str]:
+    """How many starts of a search met the gait, and what to do if few did."""
+    met, tried = (gait.provenance.get(name, 0) for name in ("met", "tried"))
+    few = f"; few did: try starts={2 * tried}, or another seed" if met < FEW else ""
+    return (
+        [f"  search                  {met} of {tried} starts met this gait{few}"] if tried else []
+    )
 
 
 def _standing(gait: Solution) -> list[str]:

@@ -276,7 +276,13 @@ def playback(
     first = np.cumsum([len(p.edges) - 1 for p in phases])
     joints = zip(begins[1:-1], first[:-1], pairwise(phases), strict=True)
     landings = [
-        (begin, int(i), phase.end[0] if stands(following) else math.inf)
+        # not beyond the elements beside the touchdown: of a held gait they may last microseconds
+        (
+            begin,
+            min(SWITCHED, (edges[i] - edges[i - 1]) / 2, (edges[i + 1] - edges[i]) / 2),
+            int(i),
+            phase.end[0] if stands(following) else math.inf,
+        )
         for begin, i, (phase, following) in joints
         if not stands(phase)
     ]
@@ -285,8 +291,8 @@ def playback(
         i = int(np.searchsorted(edges, t, side="right")) - 1
         i = min(max(i, 0), len(polynomials) - 1)
         if x is not None:
-            for begin, landed, contact in landings:
-                if abs(t - begin) < SWITCHED:
+            for begin, window, landed, contact in landings:
+                if abs(t - begin) < window:
                     i = landed - (x[0] > math.pi / 2 and x[0] != contact)
         s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
         for coefficient in polynomials[i]:

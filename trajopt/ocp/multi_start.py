@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import cloudpickle
 import numpy as np
+from tqdm import tqdm
 
 from rimless_gym.checks import flag, integer, require_callable, require_kind
 from trajopt.ocp.arrays import Array
@@ -50,16 +51,19 @@ class Start:
     Attributes:
         guess: one trajectory per phase.
         parameters: guess of the static parameters; the middle of their bounds by default.
-        problems: what is solved, each from the solution of the one before; by default the search's
-            problem. They differ from it in numbers alone, and must be made from the copy that the
-            family holds: then they share its functions in another process too.
+        problems: what is solved, each from the solution of the one before, until one fails; by
+            default the search's problem. They differ from it in numbers alone, and must be made
+            from the copy that the family holds: then they share its functions in another process
+            too.
         kind: of optimum ("2 turns"); optima of different kinds are different.
+        options: of IPOPT, over the search's.
     """
 
     guess: Guess
     parameters: Array | None = None
     problems: tuple[Problem, ...] = ()
     kind: str = ""
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 #: (generator, index) -> where start number `index` begins. Every start has a generator of its own.
@@ -145,6 +149,7 @@ class Search:
         options: of IPOPT, over `trajopt.ocp.transcription.IPOPT`.
         outcomes: of the starts, by index.
         same: (outcome, outcome) -> whether they are the same optimum.
+        unit: what a report calls the cost, and by what it is divided there.
     """
 
     problem: Problem
@@ -154,6 +159,7 @@ class Search:
     options: Mapping[str, Any]
     outcomes: tuple[Outcome, ...] = ()
     same: Same = Outcome.same_as
+    unit: tuple[str, float] = ("cost", 1.0)
 
     def start(self, index: int) -> Start:
         """Start number `index`, the same one every time."""
@@ -174,15 +180,16 @@ class Search:
     def report(self) -> str:
         """The best optima and the reasons of failure, as text."""
         count, optima = len(self.outcomes), self.optima
+        name, unit = self.unit
         lines = [f"Multi-start, {count} starts (seed {self.seed})"]
         for optimum in optima[:REPORTED]:
             times, kind = len(optimum.starts), optimum.best.kind
             lines.append(
-                f"  cost {optimum.cost:<15.9g} from {times} start(s), {times / count:.1%}"
+                f"  {name} {optimum.cost / unit:<15.9g} from {times} start(s), {times / count:.1%}"
                 + (f", {kind}" if kind else "")
             )
         if len(optima) > REPORTED:
-            lines.append(f"  and {len(optima) - REPORTED} more, up to {optima[-1].cost:.9g}")
+            lines.append(f"  and {len(optima) - REPORTED} more, up to {optima[-1].cost / unit:.9g}")
         if not optima:
             lines.append("  NO LOCAL OPTIMUM FOUND")
         reasons = collections.Counter(o.failure.split(":")[0] for o in self.failures)
@@ -199,6 +206,7 @@ def multi_start(
     workers: int = 1,
     mesh: Mesh | None = None,
     same: Same = Outcome.same_as,
+    unit: tuple[str, float] = ("cost", 1.0),
     progress: bool = False,
     **options: Any,
 ) -> Search:
@@ -214,7 +222,8 @@ def multi_start(
         workers: processes; with one, this process does the work.
         mesh: 14 elements of degree 4 per phase by default.
         same: (outcome, outcome) -> whether they are the same optimum.
-        progress: whether to show a bar.
+        unit: what the bar and the report call the cost, and by what they divide it.
+        progress: whether to show a bar, with the least cost and how many starts met it.
         options: of IPOPT, over `OPTIONS`.
 
     Raises:
@@ -228,11 +237,16 @@ def multi_start(
     require_callable("family", family)
     mesh = Mesh.uniform(problem, ELEMENTS, DEGREE) if mesh is None else mesh
     require_kind("mesh", mesh, Mesh)
-    search = Search(problem, family, seed, mesh, OPTIONS | options, same=same)
-    title = "starts" if progress else ""
+    search = Search(problem, family, seed, mesh, OPTIONS | options, same=same, unit=unit)
     solved = partial(_solved, cloudpickle.dumps(search))
-    with closing(run(solved, range(starts), workers, progress=title)) as results:
-        outcomes = dict(results)
+    outcomes: dict[int, Outcome] = {}
+    bar = tqdm(total=starts, desc="starts", disable=None if progress else True)
+    with closing(run(solved, range(starts), workers)) as results, bar:
+        for index, outcome in results:
+            outcomes[index] = outcome
+            for best in distinct(outcomes.values(), same)[:1]:
+                bar.set_postfix_str(f"{unit[0]} {best.cost / unit[1]:.5g}, met {len(best.starts)}x")
+            bar.update()
     return dataclasses.replace(search, outcomes=tuple(outcomes[i] for i in range(starts)))
 
 
@@ -281,9 +295,12 @@ def _solved(pickled: bytes, index: int) -> Outcome:
     start = search.start(index)
     guess, parameters, iterations = start.guess, start.parameters, 0
     for problem in start.problems:
-        result = minimize(transcription, guess, problem, parameters, **search.options)
+        options = {**search.options, **start.options}
+        result = minimize(transcription, guess, problem, parameters, **options)
         guess, parameters = result.phases, result.parameters
         iterations += result.iterations
+        if not result.success:
+            break
     failure = "" if result.success else f"{result.status}: {result.worst}"
     solution = result.cost, result.phases, result.parameters
     return Outcome(index, start.kind, *solution, iterations, failure)

@@ -151,22 +151,18 @@ def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     from trajopt.ocp.mesh import Mesh
     from trajopt.ocp.transcription import Transcription
 
-    def once() -> dict[str, float]:
-        begin = time.perf_counter()
+    def build() -> Transcription:
         problem = cart_pole()
         mesh = Mesh.uniform(problem, elements=swing_up.SEGMENTS, scheme="hermite-simpson")
         transcription = Transcription(problem, mesh)
         transcription.solver()
-        built = time.perf_counter()
-        result = transcription.solve(straight_lines(problem))
-        return {
-            "build": built - begin,
-            "solve": time.perf_counter() - built,
-            "iterations": result.iterations,
-            "cost": result.cost,
-        }
+        return transcription
 
-    return swing_up.repeated(once, seconds)
+    def solve(transcription: Transcription) -> tuple[float, float]:
+        result = transcription.solve(straight_lines(transcription.problem))
+        return result.iterations, result.cost
+
+    return swing_up.repeated(swing_up.Tool("rimless-gym", build, solve), seconds)
 
 
 def fresh(seconds: float, folder: str, program: str, cold: bool = False) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 #: Masses (kg) of cart and pole, length of the pole (m), gravity (m/s^2).
 CART, POLE, LENGTH, GRAVITY = 1.0, 0.3, 0.5, 9.81
@@ -41,24 +41,30 @@ IPOPT: dict[str, Any] = {
 }
 
 
+class Tool(NamedTuple):
+    """A tool that builds and solves the problem."""
+
+    package: str  # that is installed
+    build: Callable[[], Any]  # makes the problem and its solver
+    # solves what `build` made; returns the number of iterations and the cost (N^2 s)
+    solve: Callable[[Any], tuple[float, float]]
+    solves_to_build: int = 0  # within `build`; their time does not count
+
+
 def main() -> None:
     """Solve with the tool that the settings name again and again, and print medians as JSON."""
     settings = json.loads(sys.argv[1])
-    seconds, tool = settings["seconds"], TOOLS[settings["measure"]]
-    once, name = tool()
-    print(json.dumps(repeated(once, seconds) | {"version": f"{name} {version(name)}"}))
+    tool = TOOLS[settings["measure"]]()
+    answer = repeated(tool, settings["seconds"])
+    print(json.dumps(answer | {"version": f"{tool.package} {version(tool.package)}"}))
 
 
-def repeated(once: Callable[[], dict[str, float]], seconds: float) -> dict[str, Any]:
-    """Build and solve again and again until the time is over.
-
-    Args:
-        once: builds and solves. It returns `build` and `solve` (s), `iterations` and `cost`.
-        seconds: how long to repeat it.
+def repeated(tool: Tool, seconds: float) -> dict[str, Any]:
+    """Build and solve again and again until the time (s) is over.
 
     Returns:
-        The number of repetitions (`steps`), the time that they took (`seconds`), and the medians of
-        what `once` returned and of building and solving together (`total`).
+        The number of repetitions (`steps`), the time that they took (`seconds`), and medians: times
+        (s) to `build`, to `solve` and of both (`total`), `iterations` and `cost`.
 
     Raises:
         RuntimeError: no optimum was found, or a different one.
@@ -66,10 +72,16 @@ def repeated(once: Callable[[], dict[str, float]], seconds: float) -> dict[str, 
     answers: list[dict[str, float]] = []
     begin = time.perf_counter()
     while (elapsed := time.perf_counter() - begin) < seconds or not answers:
-        answer = once()
-        if not abs(answer["cost"] - COST) <= TOLERANCE * COST:
-            raise RuntimeError(f"a cost of {answer['cost']:.4g} N^2 s instead of {COST}")
-        answers.append(answer | {"total": answer["build"] + answer["solve"]})
+        started = time.perf_counter()
+        problem = tool.build()
+        built = time.perf_counter()
+        iterations, cost = tool.solve(problem)
+        solve = time.perf_counter() - built
+        if not abs(cost - COST) <= TOLERANCE * COST:
+            raise RuntimeError(f"a cost of {cost:.4g} N^2 s instead of {COST}")
+        build = built - started - tool.solves_to_build * solve
+        times = {"build": build, "solve": solve, "total": build + solve}
+        answers.append(times | {"iterations": iterations, "cost": cost})
     medians = {name: median(answer[name] for answer in answers) for name in answers[0]}
     return {"steps": len(answers), "seconds": elapsed} | medians
 
@@ -90,7 +102,7 @@ def line(part: float) -> list[float]:
     return [part * END[0], part * END[1], 0.0, 0.0]
 
 
-def casadi_script() -> tuple[Callable[[], dict[str, float]], str]:
+def casadi_script() -> Tool:
     """By hand: separated Hermite-Simpson with CasADi, IPOPT and MUMPS.
 
     The equations of motion are mapped over all points at once and expanded into scalars. That makes
@@ -124,22 +136,15 @@ def casadi_script() -> tuple[Callable[[], dict[str, float]], str]:
         bounds = {"lbx": low.ravel(), "ubx": high.ravel(), "lbg": 0, "ubg": 0}
         return solver, {"x0": guess.ravel()} | bounds
 
-    def once() -> dict[str, float]:
-        begin = time.perf_counter()
-        solver, arguments = build()
-        built = time.perf_counter()
-        solution = solver(**arguments)
-        return {
-            "build": built - begin,
-            "solve": time.perf_counter() - built,
-            "iterations": solver.stats()["iter_count"],
-            "cost": float(solution["f"]) if solver.stats()["success"] else math.nan,
-        }
+    def solve(built: tuple[Any, dict[str, Any]]) -> tuple[float, float]:
+        solver, arguments = built
+        solution, stats = solver(**arguments), solver.stats()
+        return stats["iter_count"], float(solution["f"]) if stats["success"] else math.nan
 
-    return once, "casadi"
+    return Tool("casadi", build, solve)
 
 
-def rockit() -> tuple[Callable[[], dict[str, float]], str]:
+def rockit() -> Tool:
     """rockit's collocation, whose force is linear within a segment.
 
     It makes its solver within the first solve. The time by which that takes longer than a second
@@ -161,26 +166,18 @@ def rockit() -> tuple[Callable[[], dict[str, float]], str]:
         ocp.set_initial(x, ca.vertcat(*line(ocp.t / DURATION)))
         ocp.solver("ipopt", IPOPT | {"detect_simple_bounds": True})
         ocp.method(DirectCollocation(N=SEGMENTS, degree=2, scheme="legendre"))
+        ocp.solve()
         return ocp, cost
 
-    def once() -> dict[str, float]:
-        begin = time.perf_counter()
-        ocp, cost = build()
-        ocp.solve()
-        first = time.perf_counter()
+    def solve(built: tuple[Any, Any]) -> tuple[float, float]:
+        ocp, cost = built
         solution = ocp.solve()
-        solve = time.perf_counter() - first
-        return {
-            "build": first - begin - solve,
-            "solve": solve,
-            "iterations": solution.stats["iter_count"],
-            "cost": float(solution.value(cost)),
-        }
+        return solution.stats["iter_count"], float(solution.value(cost))
 
-    return once, "rockit-meco"
+    return Tool("rockit-meco", build, solve, solves_to_build=1)
 
 
-def drake() -> tuple[Callable[[], dict[str, float]], str]:
+def drake() -> Tool:
     """Drake's Hermite-Simpson and IPOPT, on a symbolic system: a multibody plant is slower."""
     import numpy as np
     from pydrake.planning import DirectCollocation
@@ -212,37 +209,21 @@ def drake() -> tuple[Callable[[], dict[str, float]], str]:
         )
         return collocation
 
-    def count() -> int:
-        """The iterations, from IPOPT's own report."""
-        options = SolverOptions()
-        with tempfile.NamedTemporaryFile() as report:
-            options.SetOption(CommonSolverOption.kPrintFileName, report.name)
-            ipopt.Solve(build().prog(), None, options)
-            text = Path(report.name).read_text()
-        return int(re.findall(r"Number of Iterations\.+: *(\d+)", text)[-1])
+    options = SolverOptions()
+    with tempfile.NamedTemporaryFile() as report:  # only IPOPT's own report has the iterations
+        options.SetOption(CommonSolverOption.kPrintFileName, report.name)
+        ipopt.Solve(build().prog(), None, options)
+        text = Path(report.name).read_text()
+    iterations = int(re.findall(r"Number of Iterations\.+: *(\d+)", text)[-1])
 
-    iterations = count()
-
-    def once() -> dict[str, float]:
-        begin = time.perf_counter()
-        collocation = build()
-        built = time.perf_counter()
+    def solve(collocation: Any) -> tuple[float, float]:
         result = ipopt.Solve(collocation.prog())
-        return {
-            "build": built - begin,
-            "solve": time.perf_counter() - built,
-            "iterations": iterations,
-            "cost": result.get_optimal_cost() if result.is_success() else math.nan,
-        }
+        return iterations, result.get_optimal_cost() if result.is_success() else math.nan
 
-    return once, "drake"
+    return Tool("drake", build, solve)
 
 
-TOOLS: dict[str, Callable[..., Any]] = {
-    "casadi": casadi_script,
-    "rockit": rockit,
-    "drake": drake,
-}
+TOOLS = {"casadi": casadi_script, "rockit": rockit, "drake": drake}
 
 if __name__ == "__main__":
     main()

@@ -7,19 +7,16 @@ ended.
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
-from agents.cli.main import run as run_command
 from agents.cli.options import Count, MaybePath
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import designed_gaits
-from scripts.studies.codesign import gaits, machine
 from scripts.studies.codesign.gaits import (
     best_gait,
     better_gait,
@@ -33,6 +30,7 @@ from scripts.studies.codesign.gaits import (
 from scripts.studies.codesign.machine import GPX_22_UP, TOTAL_MASS, Build, chosen, preset_build
 from scripts.studies.designed_gaits import gaits_of
 from scripts.studies.documents.markdown import formatted, marks, refresh, table
+from trajopt.provenance import provenance
 from trajopt.store import Store, jsonable, write_text
 
 LEGS = (5, 6, 7, 8, 9, 10)
@@ -81,11 +79,6 @@ FINAL_COLUMNS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(codesign, arguments, "python -m scripts.studies codesign")
-
-
 def codesign(
     *, out: Path = Path("runs/codesign"), workers: Count | None = None, docs: MaybePath = None
 ) -> int:
@@ -96,14 +89,7 @@ def codesign(
         workers: processes; by default one for every core.
         docs: a page, docs/machine.md, to put the tables and the figure into.
     """
-    modules = (machine, gaits, designed_gaits, sys.modules[__name__])
-    constants = {
-        f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
-        for module in modules
-        for name, value in vars(module).items()
-        if name.isupper() and name not in ("MARKS", "HIGHEST", "SHOWN")
-    }
-    with Store(out, {"constants": constants}) as store:
+    with Store(out, provenance()) as store:
         stage = partial(designed_gaits.stage, store, workers=workers)
         landscape = landscape_of(stage)
         results = {

@@ -16,7 +16,7 @@ from agents.policies import controller_policy
 from rimless_gym.hybrid import CONTROL_PERIOD, motor_torque, relative_rate
 from rimless_gym.params import WheelParams
 from scripts.studies import designed_gaits
-from scripts.studies.codesign.machine import Build, chosen
+from scripts.studies.codesign.machine import GPX_22_UP, Build, chosen
 from scripts.studies.designed_gaits import REFINED, WORTH_IT, regenerating, search_mesh, with_turns
 from trajopt.feedback import laws
 from trajopt.gaits.periodic import NoGaitError, finished, periodic_gait
@@ -86,21 +86,14 @@ def _with_margins(stance: Phase, build: Build) -> Phase:
 
 
 def neighbours(build: Build, builds: Sequence[Build]) -> list[Build]:
-    """The builds that differ from one by the next gearhead or number of legs."""
+    """The builds that differ from one by one leg, then by the next gearhead; larger ones first."""
 
-    def place(each: Build) -> tuple[float, ...]:
-        return each.n_legs, each.gearhead.ratio
+    def far(each: Build) -> int:
+        gears = GPX_22_UP.index(each.gearhead) - GPX_22_UP.index(build.gearhead)
+        return abs(each.n_legs - build.n_legs) + abs(gears)
 
-    near, here = [], place(build)
-    for i in range(2):
-        line = {
-            place(each)[i]: each
-            for each in builds
-            if place(each)[:i] + place(each)[i + 1 :] == here[:i] + here[i + 1 :]
-        }
-        near += [line[v] for v in sorted(v for v in line if v > here[i])[:1]]
-        near += [line[v] for v in sorted(v for v in line if v < here[i])[-1:]]
-    return near
+    near = [each for each in reversed(builds) if far(each) == 1]
+    return sorted(near, key=lambda each: each.n_legs == build.n_legs)
 
 
 # -- gaits ----------------------------------------------------------------------------------------
@@ -108,16 +101,11 @@ def neighbours(build: Build, builds: Sequence[Build]) -> list[Build]:
 #: Random starts of a build.
 STARTS = 3
 
-#: IPOPT's first barrier and iterations.
-WARM_BARRIER, ITERATIONS = 1e-5, 200
+#: IPOPT's first barrier where a gait is refined.
+WARM_BARRIER = 1e-5
 
 #: Settings of a search's solves: one attempt each, on the search's mesh.
-_QUICK: dict[str, Any] = {
-    "passes": 0,
-    "verify": False,
-    "option_sets": ({},),
-    "max_iter": ITERATIONS,
-}
+_QUICK: dict[str, Any] = {"passes": 0, "verify": False, "option_sets": ({},), "max_iter": 200}
 
 #: Refinements of a gait's mesh at most.
 PASSES = 5
@@ -126,9 +114,7 @@ PASSES = 5
 CONTINUED = 3
 
 
-def best_gait(
-    build: Build, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
-) -> Solution | str:
+def best_gait(build: Build, known: Sequence[Solution] = (), starts: int = STARTS) -> Solution | str:
     """The verified gait of least cost from others' gaits and random starts, or why none is."""
     problem = step_problem(build)
     mesh = search_mesh(problem)
@@ -139,7 +125,7 @@ def best_gait(
         extremals.append(
             solve(problem, gait.phases, mesh, parameters=bob_and_arm, mu_init=1e-3, **_QUICK)
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     for _ in range(starts):
         step, middle = random_step(build, rng), (low + high) / 2
         smooth = solve(regenerating(problem), step, mesh, parameters=middle, **_QUICK)
@@ -226,12 +212,7 @@ def start_up(gait: Solution, starts: int) -> dict[str, Any]:
     )
     walk = evaluate(policy, gait.params, protocol)
     near = np.abs(walk.speeds / gait.speed - 1) < SAME_SPEED
-    return figures(gait) | {
-        "starts": starts,
-        "joined": float(np.mean(walk.walking & near)),
-        "walking": walk.walking_share,
-        "cot_of_walks": walk.cot if walk.walking.any() else None,
-    }
+    return figures(gait) | {"starts": starts, "joined": float(np.mean(walk.walking & near))}
 
 
 def start_up_and_walk(gait: Solution) -> dict[str, Any]:

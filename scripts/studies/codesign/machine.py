@@ -17,24 +17,6 @@ from rimless_gym.symbolic import Design
 
 
 @dataclasses.dataclass(frozen=True)
-class Motor:
-    """A brushed DC motor."""
-
-    name: str  # of the manufacturer
-    constant: float  # torque constant (N m/A)
-    resistance: float  # of the terminals, winding at 25 C (ohm)
-    inertia: float  # of the rotor (kg m^2)
-    no_load_current: float  # at nominal voltage (A)
-    mass: float  # kg
-    top_speed: float  # of the shaft (rad/s)
-
-    @property
-    def dry_torque(self) -> float:
-        """Friction torque at the shaft (N m), from the no-load current."""
-        return self.constant * self.no_load_current
-
-
-@dataclasses.dataclass(frozen=True)
 class Gearhead:
     """A planetary gearhead of one reduction."""
 
@@ -47,16 +29,14 @@ class Gearhead:
     intermittent_torque: float  # permissible at the output for short times (N m)
 
 
-#: maxon DCX 22 L, precious-metal brushes, ball bearings, 12 V winding.
-DCX_22_L = Motor(
-    name="maxon DCX 22 L EB KL, 12 V",
-    constant=0.0229,
-    resistance=1.84,
-    inertia=9.0e-7,
-    no_load_current=0.020,
-    mass=0.095,
-    top_speed=749.8,
-)
+#: The motor: precious-metal brushes, ball bearings, 12 V winding.
+MOTOR = "maxon DCX 22 L EB KL, 12 V"
+MOTOR_CONSTANT = 0.0229  # N m/A
+MOTOR_RESISTANCE = 1.84  # of the terminals, winding at 25 C (ohm)
+ROTOR_INERTIA = 9.0e-7  # kg m^2
+NO_LOAD_CURRENT = 0.020  # at nominal voltage (A)
+MOTOR_MASS = 0.095  # kg
+TOP_SPEED = 749.8  # of the shaft (rad/s)
 
 
 def _gpx_22_up(ratio: float, stages: int) -> Gearhead:
@@ -122,11 +102,10 @@ HUB_PARTS: Mapping[str, tuple[float, float]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Build:
-    """A machine without its pendulum: motor, gearhead and number of legs."""
+    """A machine without its pendulum: gearhead and number of legs."""
 
     gearhead: Gearhead
     n_legs: int
-    motor: Motor = DCX_22_L
 
     @property
     def longest_arm(self) -> float:
@@ -137,13 +116,11 @@ class Build:
         """Mass (kg) and moment of inertia about the hub (kg m^2) of every part of the wheel."""
         inner, outer, pairs = HUB_RADIUS, LEG_LENGTH - 0.005, self.n_legs
         tube = TUBE * (outer - inner)
-        rows = {
-            f"motor: {self.motor.name}": (self.motor.mass, self.motor.mass * 0.011**2 / 2),
-            f"gearhead: {self.gearhead.name}": (
-                self.gearhead.mass,
-                self.gearhead.mass * 0.011**2 / 2,
-            ),
+        discs = {
+            f"motor: {MOTOR}": MOTOR_MASS,
+            f"gearhead: {self.gearhead.name}": self.gearhead.mass,
         }
+        rows = {name: (mass, mass * 0.011**2 / 2) for name, mass in discs.items()}
         rows |= {name: (mass, mass * r**2) for name, (mass, r) in HUB_PARTS.items()}
         rows["legs: carbon tubes"] = (
             2 * pairs * tube,
@@ -180,23 +157,19 @@ class Build:
         return TOTAL_MASS - wheel - CLAMP - TUBE * self.longest_arm
 
     def machine(self, bob: float, arm: float) -> WheelParams:
-        """The machine with a bob (kg) and an arm (m).
-
-        Raises:
-            ValueError: the bob would come too near to the floor.
-        """
-        motor, gear = self.motor, self.gearhead
-        friction = gear.ratio * (motor.dry_torque + GEAR_DRY_TORQUE) + BEARING_TORQUE
+        """The machine with a bob (kg) and an arm (m)."""
+        gear = self.gearhead
+        dry_torque = MOTOR_CONSTANT * NO_LOAD_CURRENT + GEAR_DRY_TORQUE
         params = WheelParams(
             **self.pendulum((bob, arm)),
             wheel_inertia=sum(inertia for _, inertia in self.wheel_parts().values()),
             leg_length=LEG_LENGTH,
             n_legs=self.n_legs,
-            motor_constant=motor.constant,
+            motor_constant=MOTOR_CONSTANT,
             gear_ratio=gear.ratio,
-            armature_resistance=motor.resistance + DRIVER_RESISTANCE,
-            rotor_inertia=motor.inertia + gear.inertia,
-            hub_friction=friction,
+            armature_resistance=MOTOR_RESISTANCE + DRIVER_RESISTANCE,
+            rotor_inertia=ROTOR_INERTIA + gear.inertia,
+            hub_friction=gear.ratio * dry_torque + BEARING_TORQUE,
             gear_loss=1 - gear.efficiency,
             idle_power=ELECTRONICS_POWER,
             friction=FRICTION,
@@ -220,12 +193,9 @@ class Build:
         return fields["pendulum_mass"] * GRAVITY * fields["pendulum_length"]
 
     def lifting_torque(self) -> float:
-        """Torque (N m) with which the motor lifts the arm at full voltage from standstill.
-
-        Within what the gearhead endures for short times, and less the gear's loss.
-        """
-        gear, motor = self.gearhead, self.motor
-        stall = motor.constant * VOLTAGE / (motor.resistance + DRIVER_RESISTANCE)
+        """Torque (N m) at full voltage from standstill, within what the gearhead endures."""
+        gear = self.gearhead
+        stall = MOTOR_CONSTANT * VOLTAGE / (MOTOR_RESISTANCE + DRIVER_RESISTANCE)
         return min(gear.efficiency * gear.ratio * stall, gear.intermittent_torque)
 
 

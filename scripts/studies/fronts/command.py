@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from agents.cli.main import run as run_command
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
+from scripts.studies.designed_gaits import stage
 from scripts.studies.documents.drawings import save
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.results import AGREEMENT, STEPS, SearchResults, disagreements
 from scripts.studies.fronts.search import SEEDS, FineMeshes, FrontSearch
-from scripts.studies.fronts.solving import Polished
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.library import ARCHIVE, INDEX, index, shipped
@@ -55,11 +54,6 @@ INK, COLOURS = "#1f2933", {1: "#0f766e", 2: "#c2410c", 3: "#6d28d9", LONG: "#be1
 LINE = 0.11
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(front, arguments, "python -m scripts.studies front")
-
-
 def front(
     *, preset: Preset = "BUILDABLE", workers: Count | None = None, out: Path = Path("runs/front")
 ) -> int:
@@ -71,12 +65,11 @@ def front(
         out: folder of the search.
     """
     params = as_params(preset)
-    run = partial(run_tasks, workers)
     with Store(out / preset, {"params": params.to_dict()}) as store:
         results = SearchResults(params, store)
-        gain = FrontSearch(results, GRID, run)()
-        done = FineMeshes(results, run)()
-    ship(ARCHIVE, preset, chosen(done, [g for g in shipped(params) if not g.regeneration]))
+        gain = FrontSearch(results, GRID, partial(pool.run, workers=workers))()
+        done = FineMeshes(results, partial(stage, store, workers=workers))()
+    ship(ARCHIVE, preset, chosen([*done, *(g for g in shipped(params) if not g.regeneration)]))
     refresh(DOCS / "front.md", marks("search", (preset,)), {preset: summary(preset, results, gain)})
     publish(preset)
     return 0
@@ -91,25 +84,10 @@ def publish(preset: str) -> None:
     save(drawn(preset, front), DOCS / figure_file(preset))
 
 
-def run_tasks(workers: int | None, function: Any, tasks: Iterable[Any], title: str) -> Any:
-    """Every task with its result, as `trajopt.pool.run`."""
-    return pool.run(function, tasks, workers, progress=title)
-
-
-def chosen(done: Iterable[Polished], before: Iterable[Solution]) -> list[Solution]:
-    """The gaits to ship: the best verified one of every speed, number of steps and of turns.
-
-    Args:
-        done: the search's gaits on fine meshes.
-        before: gaits of the same machine that were shipped before; one stays unless the search
-            found one of less cost at its speed, steps and turns.
-
-    Raises:
-        NoGaitError: there is none at all.
-    """
-    passed = [each.solution for each in done if each.solution is not None and not each.failure]
+def chosen(gaits: Iterable[Solution]) -> list[Solution]:
+    """The gaits to ship: of those that are new or shipped, the best of a speed, steps and turns."""
     best: dict[tuple[float, int, int, bool], Solution] = {}
-    for gait in (*passed, *before):
+    for gait in gaits:
         place = round(gait.speed, 4), gait.steps, gait.theta_turns, gait.double_stance
         if place not in best or gait.cot < best[place].cot:
             best[place] = gait
@@ -142,12 +120,7 @@ def gait_files(path: Path) -> dict[str, bytes]:
 
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write the archive anew.
-
-    Args:
-        path: of the archive.
-        files: the files of all its gaits, by name.
-    """
+    """Write an archive anew with the files of all its gaits, by name."""
     machines: list[dict[str, object]] = []
     gaits: list[tuple[object, ...]] = []
     content = io.BytesIO()
@@ -174,13 +147,7 @@ def figure_file(name: str) -> str:
 
 
 def summary(name: str, results: SearchResults, gain: float) -> str:
-    """What the search did, in a line.
-
-    Args:
-        name: of the machine.
-        results: of the search.
-        gain: of the last sweep (relative).
-    """
+    """What the search of a machine did, in a line; `gain` is that of the last sweep."""
     gaps = disagreements(*(results.costs(seed) for seed in SEEDS))
     apart = [f"{speed:g}" for speed, gap in gaps.items() if gap > AGREEMENT]
     agree = "agree everywhere" if not apart else f"differ by more at {', '.join(apart)} m/s"
@@ -191,37 +158,36 @@ def summary(name: str, results: SearchResults, gain: float) -> str:
 
 
 def section(name: str, front: CotFront) -> str:
-    """The section: the figure, the table, and what windows of so many steps can repeat.
-
-    Args:
-        name: of the machine.
-        front: its gaits.
-    """
-    infimum = hull(front)
-    head = ["speed (m/s)", "CoT", "above the bound", "power (W)", "steps", "turns", "hull"]
-    body = [
-        [
-            f"{round(gait.speed, 4):g}",
-            f"{gait.cot:.5f}",
-            f"{gait.cot / gait.cot_bound - 1:.1%}" if gait.cot_bound > 0 else "",
-            f"{gait.cot * gait.speed * gait.params.weight:.3g}",
-            f"{gait.steps}",
-            f"{gait.theta_turns}",
-            f"{cot:.5f}" if clearly_less(cot, gait.cot) else "",
-        ]
-        for gait, cot in zip(front.envelope, infimum, strict=True)
+    """The section: the figure, the table without empty columns, and what windows can repeat."""
+    infimum, gaits = hull(front), front.envelope
+    columns = {
+        "speed (m/s)": [f"{round(g.speed, 4):g}" for g in gaits],
+        "CoT": [f"{g.cot:.5f}" for g in gaits],
+        "above the bound": [f"{g.cot / g.cot_bound - 1:.1%}" if g.cot_bound else "" for g in gaits],
+        "power (W)": [f"{g.cot * g.speed * g.params.weight:.3g}" for g in gaits],
+        "steps": [f"{g.steps}" for g in gaits],
+        "turns": [f"{g.theta_turns}" for g in gaits],
+        "hull": [
+            f"{cot:.5f}" if clearly_less(cot, g.cot) else ""
+            for g, cot in zip(gaits, infimum, strict=True)
+        ],
+    }
+    filled = {head: cells for head, cells in columns.items() if any(cells)}
+    rows = zip(*filled.values(), strict=True)
+    parts = [
+        f"## {name}",
+        f"![The front of {name}]({figure_file(name)})",
+        table(list(filled), rows),
     ]
-    parts = [f"## {name}", f"![The front of {name}]({figure_file(name)})", table(head, body)]
-    short = {round(g.speed, 4): g.cot for g in _up_to(front, STEPS[-1]).envelope}
+    costs = [_costs(front, most) for most in WINDOWS]
     windows = [
         [
-            f"{round(gait.speed, 4):g}",
-            *("" if math.isnan(cot) else f"{cot:.5f}" for cot in costs),
+            f"{speed:g}",
+            *(f"{of[speed]:.5f}" if speed in of else "" for of in costs),
             f"{least:.5f}",
         ]
-        for gait, least in zip(front.envelope, infimum, strict=True)
-        if clearly_less(gait.cot, short.get(round(gait.speed, 4), math.inf))
-        for costs in [[_cot_at(_up_to(front, most), gait.speed) for most in WINDOWS]]
+        for (speed, cot), least in zip(_costs(front, max(WINDOWS)).items(), infimum, strict=True)
+        if clearly_less(cot, costs[0].get(speed, math.inf))
     ]
     if windows:
         head = ["speed (m/s)", *(f"up to {most} steps" for most in WINDOWS), "hull"]
@@ -229,15 +195,10 @@ def section(name: str, front: CotFront) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _up_to(front: CotFront, most: int) -> CotFront:
-    """The gaits of up to so many steps per stride."""
-    return CotFront(tuple(gait for gait in front.solutions if gait.steps <= most))
-
-
-def _cot_at(front: CotFront, speed: float) -> float:
-    return min(
-        (gait.cot for gait in front.envelope if abs(gait.speed - speed) < 1e-6), default=math.nan
-    )
+def _costs(front: CotFront, most: int) -> dict[float, float]:
+    """The costs of transport of strides of up to so many steps, by speed (m/s)."""
+    short = CotFront(tuple(gait for gait in front.solutions if gait.steps <= most))
+    return {round(gait.speed, 4): gait.cot for gait in short.envelope}
 
 
 def hull(front: CotFront) -> Array:
@@ -275,19 +236,11 @@ def drawn(name: str, front: CotFront) -> Figure:
         for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > LINE) + 1):
             axes.plot(x[part], y[part], ".-", color=COLOURS[steps], lw=1, ms=4, alpha=0.75)
         on_front = [gait for gait in family if any(gait is each for each in front.envelope)]
-        if (
-            on_front and steps < LONG
-        ):  # the number of turns stands at the family's best gait on the front
+        if on_front and steps < LONG:  # the turns stand at the family's best gait on the front
             best = min(on_front, key=lambda gait: gait.cot)
-            axes.annotate(
-                f"{turns}",
-                (best.speed, best.cot),
-                xytext=(0, -11),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8,
-                color=COLOURS[steps],
-            )
+            below: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points"}
+            style: dict[str, Any] = {"ha": "center", "fontsize": 8, "color": COLOURS[steps]}
+            axes.annotate(f"{turns}", (best.speed, best.cot), **below, **style)
     speeds, costs = zip(*((gait.speed, gait.cot) for gait in front.envelope), strict=True)
     axes.plot(speeds, costs, color=INK, lw=2.2, alpha=0.35, label="front")
     axes.plot(speeds, hull(front), "--", color=INK, lw=1, alpha=0.6, label="hull: long times")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
-from typing import Any
+from itertools import pairwise, product
+from typing import Any, NamedTuple
 
 from rimless_gym.params import WheelParams
 from scripts.studies.fronts.solving import (
@@ -60,18 +60,13 @@ MOST_CONTINUED = 4
 
 @dataclasses.dataclass(frozen=True)
 class PlaceResults:
-    """What one seed tried and found at one speed and number of steps.
-
-    Attributes:
-        place: where.
-        gaits: different ones, best first.
-        starts: random starts by turns: how many were tried, and how many became gaits.
-        known: keys of the gaits that were continued to here or joined, with success or not.
-    """
+    """What one seed tried and found at one speed and number of steps."""
 
     place: Place
-    gaits: tuple[SearchGait, ...] = ()
+    gaits: tuple[SearchGait, ...] = ()  # different ones, best first
+    # random starts by turns: how many were tried, and how many became gaits
     starts: Mapping[int, tuple[int, int]] = dataclasses.field(default_factory=dict)
+    # keys of the gaits that were continued to here or joined, with success or not
     known: frozenset[str] = frozenset()
 
     def tried(self, turns: int) -> int:
@@ -109,46 +104,26 @@ class PlaceResults:
 
     def to_value(self) -> dict[str, Any]:
         """For the store; `from_value` is the inverse."""
-        gaits = [
-            {
-                "turns": g.turns,
-                "cot": g.cot,
-                "origin": g.origin,
-                "phases": phases_to_arrays(g.phases),
-            }
-            for g in self.gaits
-        ]
-        starts = [[turns, *count] for turns, count in sorted(self.starts.items())]
         return {
             "place": self.place,
-            "gaits": gaits,
-            "starts": starts,
+            "gaits": [vars(g) | {"phases": phases_to_arrays(g.phases)} for g in self.gaits],
+            "starts": [[turns, *count] for turns, count in sorted(self.starts.items())],
             "known": sorted(self.known),
         }
 
     @classmethod
     def from_value(cls, value: Mapping[str, Any]) -> PlaceResults:
         """From what `to_value` returned."""
-        place = Place(*value["place"])
-        gaits = tuple(
-            SearchGait(
-                place.speed, g["turns"], g["cot"], phases_from_arrays(g["phases"]), g["origin"]
-            )
-            for g in value["gaits"]
-        )
+        gaits = [
+            SearchGait(**each | {"phases": phases_from_arrays(each["phases"])})
+            for each in value["gaits"]
+        ]
         starts = {turns: (tried, good) for turns, tried, good in value["starts"]}
-        return cls(place, gaits, starts, frozenset(value["known"]))
+        return cls(Place(*value["place"]), tuple(gaits), starts, frozenset(value["known"]))
 
 
 class SearchResults:
-    """The results of all seeds; every change is written at once.
-
-    Attributes:
-        params: the machine.
-        store: of the results, and of the gaits on fine meshes.
-        places: results by place.
-        grid: speeds (m/s), ascending, rounded to 1e-4 m/s.
-    """
+    """The results of all seeds at a machine, by place; every change is written to the store."""
 
     def __init__(self, params: WheelParams, store: Store) -> None:
         self.params, self.store = params, store
@@ -157,6 +132,7 @@ class SearchResults:
             if f"search/{path.stem}" in store:  # damaged ones are searched again
                 results = PlaceResults.from_value(store.load(f"search/{path.stem}"))
                 self.places[results.place] = results
+        # speeds (m/s), ascending, rounded to 1e-4 m/s
         self.grid = sorted({place.speed for place in self.places})
 
     def at(self, place: Place) -> PlaceResults:
@@ -209,10 +185,7 @@ class SearchResults:
 
 
 def disagreements(one: Mapping[float, float], other: Mapping[float, float]) -> dict[float, float]:
-    """By speed, by how much the larger cost exceeds the smaller (relative).
-
-    Infinite where only one of them has a gait.
-    """
+    """By speed, by how much the larger cost exceeds the smaller; infinite where one lacks it."""
     gaps = {}
     for speed in sorted({*one, *other}):
         less, more = sorted(costs.get(speed, math.inf) for costs in (one, other))
@@ -221,13 +194,7 @@ def disagreements(one: Mapping[float, float], other: Mapping[float, float]) -> d
 
 
 def midpoints(grid: Sequence[float], costs: Mapping[float, float], finest: float) -> list[float]:
-    """Speeds to add to a grid: midway between neighbours where the front is steep, or ends.
-
-    Args:
-        grid: speeds (m/s), ascending.
-        costs: of transport, at those of the grid's speeds that have a gait.
-        finest: shortest distance between speeds (m/s).
-    """
+    """Speeds midway between neighbours where the front is steep or ends, `finest` apart or more."""
     middle = []
     for low, high in pairwise(grid):
         if high - low < 2 * finest * (1 - 1e-6) or not (low in costs or high in costs):
@@ -242,7 +209,7 @@ def midpoints(grid: Sequence[float], costs: Mapping[float, float], finest: float
 
 
 def one_step(
-    seed: int, speeds: Iterable[float], results: SearchResults, rounds: int = 1
+    seed: int, results: SearchResults, speeds: Iterable[float], rounds: int = 1
 ) -> list[Task]:
     """Random starts of one-step gaits: no turns, and outwards to `MOST_TURNS` either way.
 
@@ -260,7 +227,7 @@ def one_step(
 
 
 def more_steps(
-    seed: int, speeds: Iterable[float], results: SearchResults, rounds: int = 1
+    seed: int, results: SearchResults, speeds: Iterable[float], rounds: int = 1
 ) -> list[Task]:
     """Random starts of gaits of more than one step, in the families of `families`."""
     tasks: list[Task] = []
@@ -295,7 +262,7 @@ def families(results: SearchResults, place: Place) -> list[int]:
 
 
 def near_envelope(
-    seed: int, speeds: Iterable[float], steps: Iterable[int], results: SearchResults, rounds: int
+    seed: int, results: SearchResults, speeds: Iterable[float], steps: Iterable[int], rounds: int
 ) -> list[Task]:
     """Random starts in the families that are near the seed's envelope, and without turns.
 
@@ -320,7 +287,7 @@ def joints(seed: int, results: SearchResults) -> list[Task]:
     A stride of uneven steps can cost less than one of even steps: part of the time the wheel walks
     at a speed that suits its pendulum.
     """
-    L, envelope = results.params.step_length, results.envelope(seed)
+    envelope = results.envelope(seed)
     ones = [
         gait
         for here in results.of_seed(seed)
@@ -328,25 +295,46 @@ def joints(seed: int, results: SearchResults) -> list[Task]:
         for gait in worth_continuing(here, ceiling(envelope, here.place.speed))
     ]
     tasks: list[Task] = []
-    for place in [Place(seed, speed, steps) for speed in results.grid for steps in STEPS[1:]]:
-        best: dict[tuple[int, ...], tuple[float, tuple[SearchGait, ...]]] = {}
-        duration = place.steps * L / place.speed
-        for fast in ones:
-            for slow in ones:
-                for count in range(1, place.steps):
-                    parts = (fast,) * count + (slow,) * (place.steps - count)
-                    time = sum(L / part.speed for part in parts)
-                    if fast.speed <= slow.speed or abs(time / duration - 1) > WRONG_TIME:
-                        continue
-                    cost = sum(part.cot for part in parts) / place.steps
-                    kind = (count, fast.turns, slow.turns)
-                    if kind not in best or cost < best[kind][0]:
-                        best[kind] = (cost, parts)
-        least = envelope[place.speed].cot if place.speed in envelope else math.inf
-        chosen = sorted(best.values(), key=lambda pair: pair[0])[:JOINED]
-        wanted = [Joint(place, parts) for cost, parts in chosen if cost <= PROMISING * least]
-        tasks += [joint for joint in wanted if joint.key not in results.at(place).known]
+    for steps in STEPS[1:]:
+        offers = [
+            Offer((count, fast.turns, slow.turns), (fast,) * count + (slow,) * (steps - count))
+            for fast, slow in product(ones, ones)
+            for count in range(1, steps)
+            if fast.speed > slow.speed
+        ]
+        for place in [Place(seed, speed, steps) for speed in results.grid]:
+            tasks += promising(results, place, offers, JOINED, PROMISING, WRONG_TIME)
     return tasks
+
+
+class Offer(NamedTuple):
+    """Gaits that might be joined to a stride; of those of one kind only the best is."""
+
+    kind: tuple[int, ...]
+    parts: tuple[SearchGait, ...]
+
+
+def promising(
+    results: SearchResults,
+    place: Place,
+    offers: Iterable[Offer],
+    most: int,
+    margin: float,
+    wrong_time: float,
+) -> list[Task]:
+    """The joints of least estimated cost, if it is less than `margin` times the least known."""
+    L, best = results.params.step_length, dict[tuple[int, ...], tuple[float, Joint]]()
+    duration = place.steps * L / place.speed
+    for kind, parts in offers:
+        time = sum(part.steps * L / part.speed for part in parts)
+        if abs(time / duration - 1) <= wrong_time:
+            cost = sum(part.steps * part.cot for part in parts) / place.steps
+            if kind not in best or cost < best[kind][0]:
+                best[kind] = cost, Joint(place, parts)
+    highest = margin * results.costs(place.seed).get(place.speed, math.inf)
+    ranked = sorted(best.values(), key=lambda pair: pair[0])[:most]
+    known = results.at(place).known
+    return [joint for cost, joint in ranked if cost <= highest and joint.key not in known]
 
 
 def continuations(seed: int, results: SearchResults) -> list[Task]:

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import product
 from typing import Any, TypeAlias
 
 from scripts.studies.fronts import results as plans
@@ -25,7 +26,6 @@ from scripts.studies.fronts.results import (
 from scripts.studies.fronts.solving import (
     Continuation,
     Place,
-    Polished,
     SearchGait,
     Task,
     attempts,
@@ -70,68 +70,50 @@ REPEATED = 2e-3
 #: there.
 TRIED, CONTINUED = 5, 6
 
-#: (function, tasks, title) -> every task with its result, as `trajopt.pool.run`.
-Run: TypeAlias = Callable[[Callable[[Any], Any], Iterable[Any], str], Iterator[tuple[Any, Any]]]
+#: (function, tasks, progress=title) -> every task with its result, as `trajopt.pool.run`.
+Run: TypeAlias = Callable[..., Iterator[tuple[Any, Any]]]
 
 
 class FrontSearch:
-    """The stages of a search.
-
-    Args:
-        results: of an earlier, interrupted search, or empty.
-        spacing: of the grid of speeds (m/s); more are put between where the front is steep.
-        run: solves tasks.
-    """
+    """The stages of a search over speeds of a spacing (m/s), with more where the front is steep."""
 
     def __init__(self, results: SearchResults, spacing: float, run: Run) -> None:
         self.results, self.spacing, self.run = results, spacing, run
 
     def __call__(self) -> float:
-        """Search until two seeds agree and a sweep finds nothing better.
-
-        Returns:
-            By how much the last sweep beat what was known, at most (relative).
-
-        Raises:
-            NoGaitError: no gait was found at any speed.
-        """
+        """Search; by how much the last sweep beat what was known, at most (relative)."""
         self.two_seeds()
         return self.last_sweeps()
 
     def two_seeds(self) -> None:
         """Both seeds, each independently, until they agree."""
         screened = self._one_step()
-        for seed in SEEDS:
-            self._starts(seed, "1 step near the envelope", screened, STEPS[:1], MORE_STARTS)
+        title = "1 step near the envelope"
+        self._solve(SEEDS, title, plans.near_envelope, screened, STEPS[:1], MORE_STARTS)
         self._settle(SEEDS)
-        self._join(SEEDS)
-        for seed in SEEDS:
-            plan = partial(plans.more_steps, seed, screened, self.results)
-            self._solve(f"seed {seed}: 2 and 3 steps", plan)
+        self._solve(SEEDS, "joined steps", plans.joints)
+        self._solve(SEEDS, "2 and 3 steps", plans.more_steps, screened)
         self._settle(SEEDS)
         for number in range(1, ROUNDS + 1):
             gaps = disagreements(*(self.results.costs(seed) for seed in SEEDS))
             speeds = [speed for speed, gap in gaps.items() if gap > AGREEMENT]
             if not speeds:
                 return
-            for seed in SEEDS:
-                title = f"{len(speeds)} speeds of disagreement, round {number}"
-                self._starts(seed, title, speeds, STEPS, MORE_STARTS + number)
-                plan = partial(plans.more_steps, seed, speeds, self.results, number)
-                self._solve(f"seed {seed}: {title}", plan)
-            self._join(SEEDS)
+            title = f"{len(speeds)} speeds of disagreement, round {number}"
+            self._solve(SEEDS, title, plans.near_envelope, speeds, STEPS, MORE_STARTS + number)
+            self._solve(SEEDS, title, plans.more_steps, speeds, number)
+            self._solve(SEEDS, "joined steps", plans.joints)
             self._settle(SEEDS)
 
     def last_sweeps(self) -> float:
         """Fresh starts and continuation from what both seeds found, until nothing better comes."""
-        for speed in self.results.grid:
-            for steps in STEPS:
-                self._unite(speed, steps)
+        self._unite()
         gain, seeds = math.inf, list(SEEDS)
         for number in range(1, SWEEPS + 1):
             before = self.results.costs(*seeds)
-            self._join((LAST,))
-            self._starts(LAST, f"last sweep {number}", self.results.grid, STEPS, number)
+            self._solve((LAST,), "joined steps", plans.joints)
+            everywhere = self.results.grid, STEPS, number
+            self._solve((LAST,), f"sweep {number}", plans.near_envelope, *everywhere)
             self._settle((LAST,))
             after, seeds = self.results.costs(LAST), [*SEEDS, LAST]
             gain = max(1 - after[speed] / before.get(speed, math.inf) for speed in after)
@@ -139,16 +121,16 @@ class FrontSearch:
                 break
         return gain
 
-    def _unite(self, speed: float, steps: int) -> None:
-        """Give the last sweep what both seeds found and continued at a place."""
-        before = united = self.results.at(Place(LAST, speed, steps))
-        for seed in SEEDS:
-            seeds = self.results.at(Place(seed, speed, steps))
-            united = dataclasses.replace(united, known=united.known | seeds.known)
-            for gait in seeds.gaits:
-                united = united.with_gait(gait)
-        if united != before:
-            self.results.save(united)
+    def _unite(self) -> None:
+        """Give the last sweep what both seeds found and continued."""
+        for speed, steps in product(self.results.grid, STEPS):
+            before = united = self.results.at(Place(LAST, speed, steps))
+            for seeds in [self.results.at(Place(seed, speed, steps)) for seed in SEEDS]:
+                united = dataclasses.replace(united, known=united.known | seeds.known)
+                for gait in seeds.gaits:
+                    united = united.with_gait(gait)
+            if united != before:
+                self.results.save(united)
 
     def _one_step(self) -> list[float]:
         """Screen one-step gaits from slow to fast; the speeds that were screened."""
@@ -157,13 +139,10 @@ class FrontSearch:
             speeds: list[float] = []
             while not self._above(seed, speeds):
                 speeds = self._multiples(len(speeds) + BATCH)
-                plan = partial(plans.one_step, seed, speeds, self.results)
-                self._solve(f"seed {seed}: 1 step, to {speeds[-1]:g} m/s", plan)
+                self._solve((seed,), f"1 step, to {speeds[-1]:g} m/s", plans.one_step, speeds)
             tops.append(len(speeds))
         screened = self._multiples(max(tops))
-        for seed in SEEDS:
-            plan = partial(plans.one_step, seed, screened, self.results)
-            self._solve(f"seed {seed}: 1 step", plan)
+        self._solve(SEEDS, "1 step", plans.one_step, screened)
         speeds = list(self.results.envelope(*SEEDS))
         if not speeds:
             raise NoGaitError(
@@ -192,38 +171,26 @@ class FrontSearch:
     def _settle(self, seeds: Sequence[int]) -> None:
         """Continue gaits, with more speeds where the front is steep, until nothing is left."""
         refining = LAST not in seeds  # new speeds are for both seeds
-
-        def plan() -> list[Task]:
-            return [task for seed in seeds for task in plans.continuations(seed, self.results)]
-
         for number in range(1, 100):
-            if self._solve(f"continuation, round {number}", plan):
+            if self._solve(seeds, f"continuation, round {number}", plans.continuations):
                 continue
             costs = self.results.costs(*SEEDS)
             steep = midpoints(self.results.grid, costs, self.spacing / FINEST)
             if not (refining and self.results.widen(steep)):
                 return
 
-    def _starts(
-        self, seed: int, title: str, speeds: Sequence[float], steps: Sequence[int], rounds: int
-    ) -> None:
-        """Random starts near a seed's envelope."""
-        plan = partial(plans.near_envelope, seed, speeds, steps, self.results, rounds)
-        self._solve(f"seed {seed}: {title}", plan)
-
-    def _join(self, seeds: Sequence[int]) -> None:
-        """Join one-step gaits to strides of more steps."""
+    def _solve(
+        self, seeds: Sequence[int], title: str, plan: Callable[..., list[Task]], *arguments: Any
+    ) -> int:
+        """Solve what a plan leaves to be tried by each of these seeds; how many tasks these are."""
+        count, solve = 0, partial(attempts, self.results.params)
         for seed in seeds:
-            plan = partial(plans.joints, seed, self.results)
-            self._solve(f"seed {seed}: joined steps", plan)
-
-    def _solve(self, title: str, plan: Callable[[], list[Task]]) -> int:
-        """Solve planned tasks; how many there are."""
-        tasks = plan()
-        for task, made in self.run(partial(attempts, self.results.params), tasks, title):
-            source = task.gait.speed if isinstance(task, Continuation) else None
-            self.results.add(task.place, made, source)
-        return len(tasks)
+            tasks = plan(seed, self.results, *arguments)
+            for task, made in self.run(solve, tasks, progress=f"seed {seed}: {title}"):
+                source = task.gait.speed if isinstance(task, Continuation) else None
+                self.results.add(task.place, made, source)
+            count += len(tasks)
+        return count
 
 
 # -- fine meshes ----------------------------------------------------------------------------------
@@ -237,45 +204,32 @@ class FineMeshes:
     next one could not cost less than the best that is verified. Where none is, or where it costs
     more than on the search's mesh, verified gaits of the neighbouring speeds are continued to there
     on fine meshes.
-
-    Args:
-        results: of the search.
-        run: solves tasks.
     """
 
-    def __init__(self, results: SearchResults, run: Run) -> None:
-        self.results, self.run = results, run
-        self.done: dict[str, Polished] = {}
+    def __init__(self, results: SearchResults, stage: Callable[..., dict[str, Any]]) -> None:
+        self.results, self.stage = results, stage  # see `designed_gaits.stage`
+        self.done: dict[str, tuple[SearchGait, Solution | str]] = {}
 
-    def __call__(self) -> list[Polished]:
-        """The front, and the other gaits that are worth shipping, in that order."""
-        while self.solve("fine meshes: the front", self.best()):
+    def __call__(self) -> list[Solution]:
+        """The front, and the other gaits that are worth shipping."""
+        while self.solve(self.best()):
             pass
-        while self.solve("fine meshes: continued from neighbours", self.beside()):
+        while self.solve(self.beside()):
             pass
-        self.solve("fine meshes: other gaits", self.others())
-        return list(self.done.values())
+        self.solve(self.others())
+        return [solution for _, solution in self.verified()]
 
-    def solve(self, title: str, gaits: Iterable[SearchGait]) -> int:
+    def solve(self, gaits: Iterable[SearchGait]) -> int:
         """Solve gaits finely; how many were new."""
-        before, store = len(self.done), self.results.store
-        unsolved = []
-        (store.folder / "fine").mkdir(exist_ok=True)
-        for gait in gaits:
-            key = f"fine/{gait.key}"
-            if key in store:
-                failure, *files = store.load(key)
-                solution = Solution.load(store.folder / files[0]) if files else None
-                self.done[gait.key] = Polished(gait, solution, failure)
-            else:
-                unsolved.append(gait)
-        for gait, polished in self.run(partial(polish, self.results.params), unsolved, title):
-            files = [] if polished.solution is None else [f"fine/{gait.key}.gait.npz"]
-            if polished.solution is not None:
-                polished.solution.save(store.folder / files[0])
-            store.save(f"fine/{gait.key}", [polished.failure, *files], files)
-            self.done[gait.key] = polished
+        before, by_key = len(self.done), {gait.key: gait for gait in gaits}
+        tasks = {key: (self.results.params, gait) for key, gait in by_key.items()}
+        found = self.stage("fine", tasks, polish)
+        self.done |= {key: (gait, found[key]) for key, gait in by_key.items()}
         return len(self.done) - before
+
+    def verified(self) -> list[tuple[SearchGait, Solution]]:
+        """The gaits that passed their verification, and their solutions on fine meshes."""
+        return [(gait, each) for gait, each in self.done.values() if isinstance(each, Solution)]
 
     def best(self, most: int = STEPS[-1]) -> list[SearchGait]:
         """At every speed the next gait of up to so many steps, if it may be that of least cost."""
@@ -294,13 +248,9 @@ class FineMeshes:
         for speed in costs:
             if self._least(speed) <= (1 + AGREEMENT) * costs[speed]:
                 continue
-            verified = [
-                (each.solution, each.gait)
-                for each in self.done.values()
-                if each.gait.speed in neighbours(list(costs), speed)
-                if each.solution is not None and not each.failure
-            ]
-            for solution, gait in sorted(verified, key=lambda pair: pair[0].cot)[:CONTINUED]:
+            near = neighbours(list(costs), speed)
+            known = [(gait, each) for gait, each in self.verified() if gait.speed in near]
+            for gait, solution in sorted(known, key=lambda pair: pair[1].cot)[:CONTINUED]:
                 origin = f"{gait.origin.split('; ')[0]}; continued from {gait.speed:g} m/s"
                 there = SearchGait(
                     speed, gait.turns, solution.cot, solution.phases, f"{origin} on a fine mesh"
@@ -327,12 +277,8 @@ class FineMeshes:
 
     def _least(self, speed: float, most: int = STEPS[-1]) -> float:
         """The cost of the best verified gait of up to so many steps at a speed, or infinity."""
-        costs = [
-            each.solution.cot
-            for each in self.done.values()
-            if each.gait.speed == speed and each.gait.steps <= most
-            if each.solution is not None and not each.failure
-        ]
+        at_speed = [pair for pair in self.verified() if pair[0].speed == speed]
+        costs = [solution.cot for gait, solution in at_speed if gait.steps <= most]
         return min(costs, default=math.inf)
 
 

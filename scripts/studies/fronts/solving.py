@@ -51,21 +51,13 @@ REFINED: tuple[dict[str, Any], ...] = ({"passes": 4}, {"passes": 6, "tolerance":
 
 @dataclasses.dataclass(frozen=True)
 class SearchGait:
-    """A gait on the search's mesh.
+    """A gait on the search's mesh."""
 
-    Attributes:
-        speed: m/s.
-        turns: whole turns of the pendulum in a stride.
-        cot: cost of transport (E+), on the search's mesh.
-        phases: one per step.
-        origin: how it was found, in words.
-    """
-
-    speed: float
-    turns: int
-    cot: float
-    phases: tuple[PhaseTrajectory, ...] = dataclasses.field(repr=False, compare=False)
-    origin: str = ""
+    speed: float  # m/s
+    turns: int  # whole turns of the pendulum in a stride
+    cot: float  # cost of transport (E+)
+    phases: tuple[PhaseTrajectory, ...] = dataclasses.field(repr=False, compare=False)  # of steps
+    origin: str = ""  # how it was found, in words
 
     @property
     def steps(self) -> int:
@@ -91,17 +83,12 @@ class Place(NamedTuple):
 
 
 class RandomStarts(NamedTuple):
-    """Random starts in families of turns per stride.
-
-    Attributes:
-        place: where.
-        families: (turns, number of the first start, how many starts), tried in this order.
-        outwards: whether to stop at the first family whose first start becomes no gait.
-    """
+    """Random starts in families of turns per stride."""
 
     place: Place
+    # (turns, number of the first start, how many starts), tried in this order
     families: tuple[tuple[int, int, int], ...]
-    outwards: bool = False
+    outwards: bool = False  # whether the first family whose first start becomes no gait is the last
 
 
 class Continuation(NamedTuple):
@@ -132,17 +119,11 @@ Task: TypeAlias = RandomStarts | Continuation | Joint
 
 
 class SolveAttempt(NamedTuple):
-    """A solve, and its result.
+    """A solve, and its result."""
 
-    Attributes:
-        turns: of the family.
-        known: the key of what was continued or joined; None for a random start.
-        gait: the gait, if there is one.
-    """
-
-    turns: int
-    known: str | None
-    gait: SearchGait | None
+    turns: int  # of the family
+    known: str | None  # the key of what was continued or joined; None for a random start
+    gait: SearchGait | None  # if there is one
 
 
 def attempts(params: WheelParams, task: Task) -> list[SolveAttempt]:
@@ -170,16 +151,11 @@ def started(params: WheelParams, place: Place, turns: int, index: int) -> SolveA
     rng = np.random.default_rng(numbers)
     duration = place.steps * params.step_length / place.speed
     guess = random_motion(params, place.steps, duration, turns, rng)
-    result: Result | None = None
     most = WHIRL_ITERATIONS if turns else SWING_ITERATIONS
-    for regeneration in (True, False):
-        result = _solved(params, place, turns, guess, regeneration, max_iter=most)
-        if not result.success:
-            break
-        guess = result.phases
-    assert result is not None
-    gait = _gait(params, place, turns, result, label)
-    return SolveAttempt(turns, None, gait)
+    result = _solved(params, place, turns, guess, True, max_iter=most)
+    if result.success:
+        result = _solved(params, place, turns, result.phases, False, max_iter=most)
+    return SolveAttempt(turns, None, _gait(params, place, turns, result, label))
 
 
 def continued(params: WheelParams, task: Continuation) -> SolveAttempt:
@@ -193,8 +169,7 @@ def continued(params: WheelParams, task: Continuation) -> SolveAttempt:
         if between.success:
             result = _solved(params, place, gait.turns, between.phases, False, **options)
     label = f"{gait.origin.split('; ')[0]}; continued from {gait.speed:g} m/s"
-    there = _gait(params, place, gait.turns, result, label)
-    return SolveAttempt(gait.turns, task.key, there)
+    return SolveAttempt(gait.turns, task.key, _gait(params, place, gait.turns, result, label))
 
 
 def joined(params: WheelParams, task: Joint) -> SolveAttempt:
@@ -208,8 +183,7 @@ def joined(params: WheelParams, task: Joint) -> SolveAttempt:
     result = _solved(params, place, turns, phases, False, max_iter=WHIRL_ITERATIONS)
     speeds = ", ".join(f"{part.speed:g}" for part in parts)
     label = f"{parts[0].origin.split('; ')[0]}; steps of {speeds} m/s joined"
-    gait = _gait(params, place, turns, result, label)
-    return SolveAttempt(turns, task.key, gait)
+    return SolveAttempt(turns, task.key, _gait(params, place, turns, result, label))
 
 
 def _gait(
@@ -275,28 +249,14 @@ def _transcription(params: WheelParams, elements: tuple[int, ...]) -> tuple[Prob
 # -- fine meshes ----------------------------------------------------------------------------------
 
 
-class Polished(NamedTuple):
-    """A gait of the search on a fine mesh.
-
-    Attributes:
-        gait: of the search.
-        solution: verified, or not; None where the fine mesh has none.
-        failure: why it does not count; empty if it does.
-    """
-
-    gait: SearchGait
-    solution: Solution | None
-    failure: str
-
-
-def polish(params: WheelParams, gait: SearchGait) -> Polished:
-    """One gait solved finely and verified."""
+def polish(params: WheelParams, gait: SearchGait) -> Solution | str:
+    """One gait solved finely and verified, or why it fails."""
     problem = gait_problem(params, speed=gait.speed, steps=gait.steps, theta_turns=gait.turns)
     duration = gait.steps * params.step_length / gait.speed
     elements = [max(ELEMENTS, n) for n in elements_for(gait.phases, duration)]
     mesh = Mesh.uniform(problem, elements, DEGREE, control_degree=CONTROL_DEGREE)
     settings = {"speed": gait.speed, "found_by": gait.origin}
-    phases, solution, failure = gait.phases, None, ""
+    phases, failure = gait.phases, ""
     for refined in REFINED:
         extremal = solve(problem, phases, mesh, verify=False, mu_init=WARM_BARRIER, **refined)
         if not extremal.succeeded:
@@ -305,6 +265,6 @@ def polish(params: WheelParams, gait: SearchGait) -> Polished:
         solution = finished(params, extremal, gait.turns, False, settings)
         failure = "; ".join(solution.verification.failures)
         if not failure:
-            break
+            return solution
         phases, mesh = extremal.phases, extremal.mesh
-    return Polished(gait, solution, failure)
+    return failure

@@ -72,6 +72,9 @@ USUAL = Effort()
 #: Number of the experiment, and name of the variant.
 Key: TypeAlias = tuple[int, str]
 
+#: Solution of the case that this one continues, or None -> problem.
+Sequel: TypeAlias = Callable[[Extremal | None], Problem]
+
 
 @dataclasses.dataclass(frozen=True)
 class Case:
@@ -81,8 +84,7 @@ class Case:
     # what the thesis prints of it; two entries if it prints one problem twice
     printed: tuple[Printed, ...]
     params: WheelParams  # the machine
-    # solution that this case continues, or None -> problem
-    problem: Callable[[Extremal | None], Problem]
+    problem: Sequel
     after: Case | None = None  # the case that this one continues, if any
     # whether the motion is a further step of that case's, simulated together with it
     appended: bool = False
@@ -171,7 +173,11 @@ def experiment_3() -> tuple[Case, ...]:
     wider = [Printed("cost 4.6, m2 free from 0.1 kg")]
     posed = (NOMINAL, TABLE_4_5, COST_4_6, 2)
     cases.append(_case(3, wider, posed, Effort(10), mass=(0.1, MASS[1])))
-    return (*cases, *_periodic_gaits())
+    as_printed, free = (
+        _periodic_gait("m2 = 2.22 kg", (2.22, 2.22)),
+        _periodic_gait("m2 free", WIDER_MASS),
+    )
+    return (*cases, as_printed, free)
 
 
 @cache
@@ -233,11 +239,8 @@ def experiment_6() -> tuple[Case, ...]:
     return elastic, first, second
 
 
-EXPERIMENTS = dict(
-    enumerate(
-        (experiment_1, experiment_2, experiment_3, experiment_4, experiment_5, experiment_6), 1
-    )
-)
+_ALL = experiment_1, experiment_2, experiment_3, experiment_4, experiment_5, experiment_6
+EXPERIMENTS = dict(enumerate(_ALL, 1))
 
 
 def every_case() -> list[Case]:
@@ -278,24 +281,18 @@ def _case(
     )
 
 
-#: Solution of another case -> problem that begins or ends where that solution does.
-Sequel: TypeAlias = Callable[[Extremal | None], Problem]
-
-
-def _periodic_gaits() -> list[Case]:
-    """Periodic gaits with plastic touchdowns and least E+: m2 as in Table 4.6, and to be chosen."""
-    cases = []
-    for name, mass in (("m2 = 2.22 kg", (2.22, 2.22)), ("m2 free", WIDER_MASS)):
-        family = FromGait(THESIS_PHYSICAL, mass)
-        printed = Printed(f"periodic, plastic, least E+, {name}")
-        case = Case(
-            *(3, (printed,), THESIS_PHYSICAL, family.problem),
-            effort=Effort(4, tolerance=1e-8),
-            design=rod_of_mass(THESIS_PHYSICAL),
-            family=family.itself,
-        )
-        cases.append(case)
-    return cases
+def _periodic_gait(name: str, mass: tuple[float, float]) -> Case:
+    """A periodic gait with plastic touchdowns and least E+; bounds on m2 (kg)."""
+    starts, printed = (
+        FromGait(THESIS_PHYSICAL, mass),
+        Printed(f"periodic, plastic, least E+, {name}"),
+    )
+    return Case(
+        *(3, (printed,), THESIS_PHYSICAL, starts.problem),
+        effort=Effort(4, tolerance=1e-8),
+        design=rod_of_mass(THESIS_PHYSICAL),
+        family=lambda _: starts,
+    )
 
 
 def _continued(params: WheelParams, table: Table, weights: Weights) -> Sequel:

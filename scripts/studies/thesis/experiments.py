@@ -161,19 +161,19 @@ def figure(solution: Solved) -> Figure:
     jumps = np.flatnonzero(np.diff(played.times) == 0.0) + 1  # no line is drawn over a jump
     dashed_times = np.insert(played.times, jumps, np.nan)
     dashed = np.insert(played.states, jumps, np.nan, axis=0)
-    for panel, columns, unit in ((angles, (0, 1), "rad"), (rates, (2, 3), "rad/s")):
-        for column, colour in zip(columns, ("C0", "C1"), strict=True):
-            panel.plot(dashed_times, dashed[:, column] / math.pi, "--", color="k", lw=0.8)
-            panel.plot([], [], color=colour, label=("φ", "θ", "φ'", "θ'")[column])
-        panel.set(xlabel="t (s)", ylabel=f"π {unit}")
-        panel.legend(frameon=False)
+    lines = ((angles, "C0", "φ"), (angles, "C1", "θ"), (rates, "C0", "φ'"), (rates, "C1", "θ'"))
+    for column, (panel, colour, name) in enumerate(lines):
+        panel.plot(dashed_times, dashed[:, column] / math.pi, "--", color="k", lw=0.8)
+        panel.plot([], [], color=colour, label=name)
     for phase in solution.motion:
         t = sampled_times(phase)
-        for panel, columns in ((angles, (0, 1)), (rates, (2, 3))):
-            for column, colour in zip(columns, ("C0", "C1"), strict=True):
-                panel.plot(begin + t, phase.state(t)[:, column] / math.pi, color=colour)
+        for column, (panel, colour, _) in enumerate(lines):
+            panel.plot(begin + t, phase.state(t)[:, column] / math.pi, color=colour)
         volts.plot(begin + t, phase.control(t)[:, 0], color="C2")
         begin += phase.duration
+    for panel, unit in ((angles, "rad"), (rates, "rad/s")):
+        panel.set(xlabel="t (s)", ylabel=f"π {unit}")
+        panel.legend(frameon=False)
     volts.set(xlabel="t (s)", ylabel="voltage (V)", title=f"cost {solution.extremal.cost:.6f}")
     return drawn
 

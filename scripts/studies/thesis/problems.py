@@ -120,14 +120,8 @@ def steps(
 ) -> Problem:
     """Steps one after the other as the thesis poses them, joined by the impact law of `params`.
 
-    Args:
-        params: the machine.
-        table: bounds; those at the start apply to the first step, those at the end to the last.
-        weights: of the cost.
-        count: number of steps.
-        mass: bounds on m2 (kg) if it is to be chosen; its inertia I2 stays as it is.
-        contact: whether the ground can only push, and only within the friction cone; the thesis's
-            foot is a pin joint.
+    `mass` bounds m2 (kg) if it is to be chosen; its inertia I2 stays as it is. With `contact` the
+    ground can only push, and only within the friction cone; the thesis's foot is a pin joint.
     """
     wheel = WheelPhases(params, PENDULUM_MASS if mass else None)
     phases = [step(wheel, table, weights, i, count, contact=contact) for i in range(count)]
@@ -243,17 +237,6 @@ def rod_of_mass(params: WheelParams) -> Design:
     return Design(("m2",), lambda p: {"pendulum_mass": p[0], "pendulum_inertia": ratio * p[0]})
 
 
-def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) -> Problem:
-    """The problem of a gait of least cost of transport (E+) with m2 to be chosen (kg)."""
-    duration = STEPS * params.step_length / SPEED
-    return designed_gait(
-        *(params, rod_of_mass(params), {"m2": mass}),
-        steps=STEPS,
-        duration=duration,
-        theta_turns=turns,
-    )
-
-
 @dataclasses.dataclass(frozen=True)
 class FromGait:
     """Starts from the cheapest gait of the machine as it is; all but the first with another m2."""
@@ -272,9 +255,10 @@ class FromGait:
         return Start(tuple(self.gait.phases), np.array([mass]))
 
     def problem(self, before: Extremal | None = None) -> Problem:
-        """The problem with the gait's number of turns of the pendulum."""
-        return cheapest_gait(self.params, self.mass, self.gait.theta_turns)
-
-    def itself(self, problem: Problem) -> FromGait:
-        """This family, whatever the problem."""
-        return self
+        """That of a gait of least cost of transport (E+) with as many turns, m2 to be chosen."""
+        return designed_gait(
+            *(self.params, rod_of_mass(self.params), {"m2": self.mass}),
+            steps=STEPS,
+            duration=STEPS * self.params.step_length / SPEED,
+            theta_turns=self.gait.theta_turns,
+        )

@@ -112,8 +112,11 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
         run = partial(stage, store, workers=workers)
         points = searched(run)
         for number in range(1, ROUNDS + 1):
-            tasks = {point.key: (point, neighbours(point, points)) for point in points}
-            better = gaits_of(run(f"round {number} of {ROUNDS}", tasks, improved))
+            tasks = {
+                p.key: (p.variant, p.scale, p.gait and p.gait.cot, neighbours(p, points))
+                for p in points
+            }
+            better = gaits_of(run(f"round {number} of {ROUNDS}", tasks, cheaper))
             points = [
                 dataclasses.replace(point, gait=better.get(point.key, point.gait))
                 for point in points
@@ -134,11 +137,7 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
 
 
 def searched(stage: Callable[..., dict[str, Any]]) -> list[Point]:
-    """Every point, from the largest pendulum down, the supplies side by side.
-
-    Some starts of each scale are the gaits of the two scales before it. For the first scale these
-    are the cheapest shipped gaits.
-    """
+    """Every point, from the largest pendulum down, also from gaits of the two scales before."""
     points: dict[tuple[Variant, float], Point] = {}
     known = {variant: first_gaits() for variant in VARIANTS}
     for scale in SCALES:
@@ -159,18 +158,8 @@ def first_gaits() -> tuple[Solution, ...]:
     return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
-def improved(point: Point, known: Sequence[Solution]) -> Solution | None:
-    """A gait cheaper than a point's, continued from one of its neighbours'; None if none is."""
-    best = point.gait.cot if point.gait else math.inf
-    return cheaper(point.variant, point.scale, best, known)
-
-
 def neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
-    """Gaits that might lead to a cheaper one at a point.
-
-    These are of the next scales of the same supply, and of the same scale of supplies whose gaits
-    this one admits; for the largest pendulum also shipped gaits.
-    """
+    """Gaits of the next scales of a supply, or of the same scale of lesser supplies."""
     scales = sorted({p.scale for p in points if p.variant == point.variant and p.gait})
     below = [scale for scale in scales if scale < point.scale][-1:]
     above = [scale for scale in scales if scale > point.scale][:1]
@@ -178,12 +167,8 @@ def neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
     return beginning + [
         p.gait
         for p in points
-        if p.gait is not None
-        and (
-            (p.variant == point.variant and p.scale in below + above)
-            or (p.variant != point.variant and p.scale == point.scale)
-        )
-        and point.variant.admits(p.variant)
+        if p.gait is not None and point.variant.admits(p.variant)
+        if p.scale in (below + above if p.variant == point.variant else [point.scale])
     ]
 
 
@@ -192,11 +177,9 @@ def shared(points: Sequence[Point]) -> list[Point]:
     best = []
     for point in points:
         lesser = [
-            other.gait
-            for other in points
-            if other.gait is not None
-            and other.scale == point.scale
-            and point.variant.admits(other.variant)
+            p.gait
+            for p in points
+            if p.gait is not None and p.scale == point.scale and point.variant.admits(p.variant)
         ]
         if lesser:
             gait = least_first(lesser, lambda gait: gait.cot)[0]
@@ -336,17 +319,17 @@ def cheapest(
 
 
 def cheaper(
-    variant: Variant, scale: float, best: float, known: Sequence[Solution]
+    variant: Variant, scale: float, best: float | None, known: Sequence[Solution]
 ) -> Solution | None:
-    """A verified gait that costs less than `best`, led here from other gaits; or None."""
-    reached = []
+    """A verified gait that costs less than `best`, if any, led here from other gaits; or None."""
+    reached, most = [], (1 - WORTH_IT) * (math.inf if best is None else best)
     for gait in known:
         curve = followed(variant, gait, scale)
-        if curve.reached and curve.solutions[-1].transcribed_cost < (1 - WORTH_IT) * best:
+        if curve.reached and curve.solutions[-1].transcribed_cost < most:
             reached.append((curve.solutions[-1], gait))
     for extremal, gait in least_first(reached, lambda pair: pair[0].transcribed_cost):
         found = refined(variant, scale, extremal, gait.theta_turns)
-        if found.verification.passed and found.cot < (1 - WORTH_IT) * best:
+        if found.verification.passed and found.cot < most:
             return found
     return None
 

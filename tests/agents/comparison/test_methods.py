@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from agents.comparison import methods as listed
@@ -20,11 +21,15 @@ from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     FRONT_POLICY,
     SCREENED_PPO,
+    attained_rows,
     gait_row,
     policy_row,
 )
 from agents.policy_files import load_policy
+from agents.rollout import draw_starts
 from rimless_gym import BUILDABLE, Task
+from rimless_gym.equations import DOUBLE
+from rimless_gym.kernel.stepping import MODE
 from trajopt.feedback import laws, startup
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.library import shipped
@@ -37,6 +42,8 @@ EVALUATION = {
     "impulse_friction_demand": 0.7,
     "min_normal_force_over_weight": 0.2,
     "walking_share": 1.0,
+    "returns": [4.0, 4.2, 5.0],
+    "protocol": {"starts": 3, "seed": 1},
 }
 
 
@@ -46,6 +53,7 @@ def setting(tmp_path: Path) -> Setting:
     made = Setting(Study(), tmp_path)
     gaits = [g for g in shipped() if g.params == BUILDABLE and g.steps == 1]
     made.held_front = CotFront(tuple(g for g in gaits if 0.5 <= g.speed <= 0.6))
+    made.least = min(gaits, key=lambda gait: gait.cot)
     return made
 
 
@@ -105,9 +113,20 @@ def test_another_file_of_a_shipped_policy_is_another_result(
     (row,) = method.rows(setting, method.compute(setting))
     assert (row.title, row.study_speed, row.cot) == (SCREENED_PPO, None, EVALUATION["cot"])
     assert row.gap == pytest.approx(setting.gap(0.05, 0.56))
+    assert row.return_share == pytest.approx(4.4 / setting.best_return)
+    assert row.over_least == pytest.approx(0.05 / setting.least.cot - 1.0)
     copy = tmp_path / method.file.name
     copy.write_bytes(method.file.read_bytes() + b"more")
     assert ShippedMethod(copy, method.title).name != method.name
+
+
+def test_what_is_attained_is_the_best_of_all_from_each_start_by_kind_of_start() -> None:
+    rests = draw_starts(BUILDABLE, 3, 1)[:, MODE] == DOUBLE
+    other = EVALUATION | {"returns": [3.0, 4.6, 3.0]}
+    rows = attained_rows([EVALUATION, other], BUILDABLE, 5.0)
+    shares = np.array([0.8, 0.92, 1.0])
+    expected = [shares[some].mean() for some in (rests, ~rests) if some.any()]
+    assert [row.return_share for row in rows] == pytest.approx(expected)
 
 
 def test_the_minutes_of_a_cloning_count_for_what_begins_from_it() -> None:

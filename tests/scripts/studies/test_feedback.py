@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
+from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from scripts.studies.documents import markdown
 from scripts.studies.feedback_laws import command, measures
@@ -24,7 +24,6 @@ from scripts.studies.feedback_laws.measures import (
     pushed_states,
     subject_of,
 )
-from scripts.studies.feedback_laws.theory import linearisation_conditions
 from trajopt.feedback import startup
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -131,26 +130,3 @@ def test_every_parameter_of_the_machine_is_changed_up_and_down_by_itself() -> No
         assert getattr(params, name) == pytest.approx((1 + change) * getattr(BUILDABLE, name))
         others = {k for k, v in params.to_dict().items() if v != BUILDABLE.to_dict()[k]}
         assert others <= {name, "pendulum_reach"}
-
-
-# -- input-state linearisation --------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("params", [BUILDABLE, THESIS_PHYSICAL])
-def test_the_voltage_reaches_every_direction_and_yet_nothing_makes_the_machine_linear(params):
-    conditions = linearisation_conditions(params, random_in_single_stance(params))
-    assert conditions.accessibility.min() > 1e-6
-    assert conditions.involutivity.min() > 1e-6
-    assert np.median(conditions.involutivity) > 1e-3
-
-
-def test_a_reaction_wheel_in_the_pendulums_place_could_be_made_linear():
-    wheel = THESIS_PHYSICAL.replace(pendulum_length=1e-9)
-    conditions = linearisation_conditions(wheel, random_in_single_stance(wheel))
-    assert conditions.accessibility.min() > 1e-4
-    assert np.median(conditions.involutivity) < 1e-6
-
-
-def random_in_single_stance(params, count=200):
-    rng, c = np.random.default_rng(0), params.constants
-    return rng.uniform([c.a, -np.pi, -3, -12], [c.b, np.pi, 6, 12], (count, 4))

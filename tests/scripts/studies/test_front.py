@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from scripts.studies.fronts import command, solving, stops, strides
+from scripts.studies.fronts import command, solving, strides
 from scripts.studies.fronts.results import (
     PlaceResults,
     SearchResults,
@@ -28,7 +28,6 @@ from scripts.studies.fronts.solving import (
     Continuation,
     Joint,
     Place,
-    Polished,
     RandomStarts,
     SearchGait,
     SolveAttempt,
@@ -87,7 +86,7 @@ class Imagined:
         self.most, self.tasks = most, list[Task]()
 
     def __call__(
-        self, function: Any, tasks: Iterable[Any], title: str
+        self, function: Any, tasks: Iterable[Any], progress: str
     ) -> Iterator[tuple[Any, Any]]:
         for task in tasks:
             if len(self.tasks) >= self.most:
@@ -151,13 +150,13 @@ def test_a_side_is_given_up_at_the_first_family_whose_first_start_fails(
     results: SearchResults,
 ) -> None:
     place = Place(0, 0.5, 1)
-    for task in one_step(0, [0.5], results):
+    for task in one_step(0, results, [0.5]):
         assert isinstance(task, RandomStarts)
         results.add(place, imagined(task)[: 2 if task.families[0][0] == -1 else None])
     results.add(place, [SolveAttempt(-2, None, None)])
     backwards = [
         task.families
-        for task in one_step(0, [0.5], results, rounds=2)
+        for task in one_step(0, results, [0.5], rounds=2)
         if isinstance(task, RandomStarts) and task.families[0][0] < 0
     ]
     assert backwards == [((-1, 2, 2),)]
@@ -264,19 +263,16 @@ def costing(cot: float) -> Solution:
 
 
 class Verified:
-    """Verifies every gait, at a cost of transport that a table gives."""
+    """A stage that verifies every gait, at a cost of transport that a table gives."""
 
     def __init__(self, cots: dict[int, float]) -> None:
-        self.cots, self.solved = cots, list[int]()
+        self.cots, self.stored = cots, dict[str, Solution | str]()
 
-    def __call__(
-        self, function: Any, tasks: Iterable[Any], title: str
-    ) -> Iterator[tuple[Any, Any]]:
-        for gait in tasks:
-            self.solved.append(gait.turns)
+    def __call__(self, name: str, tasks: dict[str, Any], work: Any) -> dict[str, Solution | str]:
+        for key, (_, gait) in tasks.items():
             cot = self.cots.get(gait.turns)
-            solution = None if cot is None else costing(cot)
-            yield gait, Polished(gait, solution, "" if solution else "none")
+            self.stored.setdefault(key, "none" if cot is None else costing(cot))
+        return {key: self.stored[key] for key in tasks}
 
 
 def add(results: SearchResults, cots: dict[int, float], speed: float = 0.5) -> None:
@@ -291,12 +287,9 @@ def test_gaits_are_solved_finely_until_the_next_could_not_cost_less(
 ) -> None:
     add(results, {-1: 0.02, -2: 0.03, -3: 0.04, -4: 0.05})
     run = Verified({-2: 0.045, -3: 0.041})
-    for _ in range(2):  # finished gaits are not solved again
-        done = FineMeshes(results, run)()
-    assert run.solved == [-1, -2, -3]
-    assert [each.failure == "" for each in done] == [False, True, True]
-    assert done[2].solution is not None
-    assert done[2].solution.cot == pytest.approx(0.041)
+    done = FineMeshes(results, run)()
+    assert [key.split("_")[2] for key in run.stored] == ["k-1", "k-2", "k-3"]
+    assert [gait.cot for gait in done] == pytest.approx([0.045, 0.041])
 
 
 def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(
@@ -304,10 +297,11 @@ def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(
 ) -> None:
     add(results, {-1: 0.02})
     add(results, {-2: 0.01}, 0.6)
-    done = FineMeshes(results, Verified({-1: 0.02}))()
-    (there,) = [each for each in done if each.gait.speed == 0.6 and not each.failure]
-    assert there.gait.turns == -1
-    assert there.gait.origin.endswith("continued from 0.5 m/s on a fine mesh")
+    fine = FineMeshes(results, Verified({-1: 0.02}))
+    fine()
+    (there,) = [gait for gait, _ in fine.verified() if gait.speed == 0.6]
+    assert there.turns == -1
+    assert there.origin.endswith("continued from 0.5 m/s on a fine mesh")
 
 
 def test_repeated_strides_are_not_solved_finely(results: SearchResults) -> None:
@@ -322,13 +316,10 @@ def test_repeated_strides_are_not_solved_finely(results: SearchResults) -> None:
 
 def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
     old, costlier = known(0.5), costing(2 * known(0.5).cot)
-    done = Polished(found(0.5, 0.06), costlier, "")
-    assert command.chosen([done], [old]) == [old]
-    assert command.chosen([done], []) == [costlier]
-    failed = done._replace(failure="slips")
-    assert command.chosen([failed], [old]) == [old]
+    assert command.chosen([costlier, old]) == [old]
+    assert command.chosen([costlier]) == [costlier]
     with pytest.raises(NoGaitError, match="verification"):
-        command.chosen([failed], [])
+        command.chosen([])
 
 
 def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
@@ -364,7 +355,7 @@ def test_shipped_gaits_that_stop_cost_less_than_the_front_as_the_page_says() -> 
     front = shipped_front(THESIS_PHYSICAL)
     gaits = [gait for gait in shipped(THESIS_PHYSICAL) if gait.double_stance]
     assert all(gait.cot < float(front(gait.speed)) for gait in gaits)
-    assert stops.section(front, gaits) in (command.DOCS / "front.md").read_text()
+    assert strides.stops_section(front, gaits) in (command.DOCS / "front.md").read_text()
 
 
 @pytest.mark.slow

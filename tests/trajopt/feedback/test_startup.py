@@ -10,7 +10,9 @@ import pytest
 from agents.evaluate import Protocol, evaluate
 from agents.policies import controller_policy
 from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.kernel.stepping import advance
 from trajopt.feedback import startup as module
 from trajopt.feedback.controller import NEAR, ContactGuard, SwitchingController
 from trajopt.feedback.orbit import squared_distances
@@ -18,6 +20,7 @@ from trajopt.feedback.startup import (
     HOLD,
     MOST_CACHED,
     NEVER,
+    Cost,
     StartUpController,
     StateGrid,
     Times,
@@ -64,6 +67,17 @@ def test_a_fall_costs_infinitely_much_and_a_moment_its_time():
     _, cost = simulated(P, states, np.zeros(2))
     assert cost[0] == HOLD
     assert np.isinf(cost[1])
+
+
+def test_a_moment_costs_the_weighted_sum_of_time_energy_and_distance():
+    states = np.zeros((1, 6))
+    states[0, :4] = [1.5, 0.0, 0.4, 1.0]
+    machine, volts = P.replace(idle_power=2.0), np.array([1.0])
+    _, cost = simulated(machine, states, volts, Cost(0.3, 0.02, -0.5))
+    row = advance(machine, states.copy(), volts, HOLD)[0]
+    energy = row[ROW.electrical_positive] + 2.0 * HOLD
+    assert row[ROW.distance] > 0.0
+    assert cost[0] == pytest.approx(0.3 * HOLD + 0.02 * energy - 0.5 * row[ROW.distance])
 
 
 def test_the_gait_is_reached_within_seconds_of_rest_and_from_most_states(startup, law):

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, simulate
 from rimless_gym.equations import equations
-from trajopt.gaits.bounds import cot_bound, least_losses
+from trajopt.gaits.bounds import cot_bound, least_losses, motor_deficit
 from trajopt.gaits.library import index
+from trajopt.gaits.problem import MIN_NORMAL_FORCE, fastest_pressed
 
 LOSSY = BUILDABLE.replace(hub_damping=0.01, drag=0.2, pendulum_drag=1e-4, friction_width=2.0)
 
@@ -26,6 +27,38 @@ def test_no_shipped_gait_is_below_its_bound_and_the_best_is_within_a_percent_of_
         if entry.params == BUILDABLE
     ]
     assert 0 < min(above) < 0.01
+
+
+def test_physics_refuses_no_gait_that_is_shipped() -> None:
+    for entry in index():
+        turns = entry.theta_turns / entry.steps
+        assert motor_deficit(entry.params, entry.speed, turns) <= 0
+        assert entry.speed < fastest_pressed(entry.params)
+
+
+def test_no_step_with_pressed_feet_is_faster_than_the_fastest_possible() -> None:
+    wheel = BUILDABLE.replace(pendulum_length=0.01, motor_constant=0.0)
+    pressed = []
+    for rate in np.linspace(1.5, 12.0, 22):
+        run = simulate(wheel, [wheel.constants.a, 0.0, rate, 0.0], lambda t, x: 0.0, 1.0)
+        if run.touchdowns:
+            time = run.touchdowns[0].time
+            step = simulate(wheel, run.x[0], lambda t, x: 0.0, 0.999 * time)
+            if step.min_normal_force >= MIN_NORMAL_FORCE * wheel.weight:
+                pressed.append(wheel.step_length / time)
+    assert 0.5 * fastest_pressed(wheel) < max(pressed) <= fastest_pressed(wheel)
+
+
+def test_no_distribution_of_rates_and_voltages_gives_more_power_than_the_motor_can() -> None:
+    eq, c, rng = equations(np.sin, np.cos, sqrt=np.sqrt), LOSSY.constants, np.random.default_rng(0)
+    for scale in 10.0 ** rng.uniform(-2, 2, 200):
+        dpsi = rng.normal(rng.normal(), 1, 50) * scale
+        volts = LOSSY.voltage_limit * np.sign(dpsi) * rng.uniform(0, 1, 50) ** 0.1
+        speed = 0.5
+        turns = (dpsi.mean() * c.chord / speed - c.alpha) / (2 * math.pi)
+        given = np.mean(eq.shaft_power(dpsi, volts, c))
+        most = least_losses(LOSSY, speed, turns) - motor_deficit(LOSSY, speed, turns)
+        assert given <= most * (1 + 1e-12)
 
 
 def test_no_distribution_of_rates_loses_less_than_the_bound() -> None:

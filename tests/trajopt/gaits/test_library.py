@@ -70,15 +70,15 @@ def test_rounding_does_not_change_which_gait_is_first(rounding: float) -> None:
     # Gaits at 0.45 and 0.55 m/s are equally near to 0.5 m/s, and 0.05 m/s is 2.5 times `NEAR`:
     # both their order and the rounding to `NEAR` could depend on the last bits.
     gaits = [e for e in index() if e.steps == 2 and e.params == THESIS_PHYSICAL]
-    gaits = ranked(gaits, THESIS_PHYSICAL, 0.5)
-    again = ranked(gaits[::-1], THESIS_PHYSICAL, 0.5 + rounding)
+    gaits = ranked(gaits, 0.5)
+    again = ranked(gaits[::-1], 0.5 + rounding)
     assert [e.speed for e in again] == [e.speed for e in gaits]
 
 
 def test_the_gait_nearest_in_speed_leads_its_family_even_if_slower_ones_cost_less() -> None:
-    family = [e for e in index() if e.steps == 1 and e.theta_turns == -1]
+    family = [e for e in index() if (e.params, e.steps, e.theta_turns) == (THESIS_PHYSICAL, 1, -1)]
     assert min(family, key=lambda e: e.cot).speed < 0.59
-    assert ranked(family, THESIS_PHYSICAL, 0.6)[0].speed == pytest.approx(0.6)
+    assert ranked(family, 0.6)[0].speed == pytest.approx(0.6)
 
 
 def test_warm_starts_of_two_steps_include_shorter_strides_repeated() -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
+import re
 
 import numpy as np
 import pytest
 
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from trajopt import NoGaitError, periodic_gait
 from trajopt.gaits import verify as verifying
 from trajopt.gaits.library import index, nearest
-from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
+from trajopt.gaits.search import random_guess, same_gait, search_gaits
 from trajopt.ocp.multi_start import Outcome, distinct
 
 
@@ -56,10 +58,27 @@ def test_the_error_for_a_speed_beyond_reach_names_the_limits_that_bind():
         periodic_gait(THESIS_PHYSICAL, 1.5, 1, guess=fast)
 
 
-def test_a_wheel_with_more_legs_is_continued_from_the_shipped_gait_to_its_family_of_low_cost():
+def test_shipped_gaits_lead_a_wheel_with_more_legs_to_its_family_of_low_cost():
+    search = search_gaits(BUILDABLE.replace(n_legs=8), 0.5, 1, starts=0, shipped=1)
+    assert search.optima[0].best.kind == "-1"
+    assert re.search(r"CoT 0\.052\d+ +from \d+ start", search.report())
+
+
+@pytest.mark.slow
+def test_the_report_of_a_wheel_that_is_not_shipped_counts_the_starts_that_met_its_gait():
     gait = periodic_gait({"n_legs": 8}, 0.5, starts=0)
     assert gait.verification.passed
     assert (gait.theta_turns, gait.cot < 0.053) == (-1, True)
+    assert re.search(r"search +\d+ of \d+ starts met this gait", gait.report())
+
+
+def test_a_guess_is_verified_before_it_is_believed(one_step):
+    swinging = next(e for e in nearest(THESIS_PHYSICAL, 0.5, 1) if e.theta_turns == 0).load()
+    posing = dataclasses.replace(swinging, verification=one_step.verification)
+    assert posing.verification.passed
+    solved = periodic_gait(THESIS_PHYSICAL, posing.speed, 1, guess=posing)
+    assert solved.cot == pytest.approx(swinging.cot, rel=1e-3)
+    assert solved.cot > 1.1 * one_step.cot
 
 
 @pytest.mark.slow
@@ -87,6 +106,17 @@ def test_at_a_shipped_speed_the_gait_is_verified_and_costs_no_more_than_the_ship
     assert again.cot <= (1 + 1e-3) * slowest.cot
 
 
+@pytest.mark.slow
+def test_where_no_gait_is_found_the_error_says_what_binds_and_what_to_try():
+    weak = {"voltage_limit": 2.0}
+    with pytest.raises(NoGaitError) as error:
+        periodic_gait(weak, 0.9, starts=5)
+    what, binds, remedy = str(error.value).splitlines()
+    assert what.startswith("no gait of 1 step(s) per stride was found at 0.9 m/s")
+    assert binds.startswith("what binds: ")
+    assert remedy.startswith("what to try: ")
+
+
 # -- random starts --------------------------------------------------------------------------------
 
 
@@ -101,8 +131,10 @@ def test_random_guesses_depend_on_nothing_but_the_seed():
 
 @pytest.mark.slow
 def test_random_starts_are_the_same_in_other_processes():
-    family = GaitFamily.create(THESIS_PHYSICAL, 0.5, 1, regeneration=True)
-    alone, shared = (search_gaits(family, 2, workers=workers) for workers in (1, 2))
+    alone, shared = (
+        search_gaits(THESIS_PHYSICAL, 0.5, 1, True, starts=2, shipped=0, workers=workers)
+        for workers in (1, 2)
+    )
     assert [o.cost for o in alone.outcomes] == [o.cost for o in shared.outcomes]
     assert [o.index for o in shared.outcomes] == [0, 1]
 
@@ -127,6 +159,16 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
         ({"speed": -1.0}, ValueError, "speed = -1.0: must be greater than 0"),
         ({"speed": math.nan}, ValueError, "speed = nan: must be finite"),
         ({"speed": 23}, NoGaitError, r"speed = 23\.0: must be at most 21.05 m/s.*60 rad/s"),
+        (
+            {"params": {"pendulum_length": 0.01}, "speed": 3},
+            NoGaitError,
+            r"speed = 3\.0: must be at most 2\.\d+ m/s, above which this machine's feet lift off",
+        ),
+        (
+            {"params": {"slope": -0.1, "voltage_limit": 2}},
+            NoGaitError,
+            "voltage_limit = 2: the motor is .* W short of what friction, damping, drag and slope",
+        ),
         ({"steps": 1.5}, TypeError, r"steps = 1\.5: must be an integer of at least 1"),
         ({"steps": 0}, ValueError, "steps = 0: must be an integer of at least 1"),
         ({"steps": 10**9}, NoGaitError, "steps = 1000000000: must be at most 25.*shorter stride"),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from trajopt.feedback.law import Controller, Law
+    from trajopt.feedback.startup import Cost
     from trajopt.gaits.solution import Solution
 
 
@@ -66,7 +67,9 @@ def holding(law: str | Law, solution: Solution) -> Law:
     return law
 
 
-def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Controller:
+def design(
+    law: str | Law, solution: Solution, folder: Path | None = None, cost: Cost | None = None
+) -> Controller:
     """The law of this name for a gait, with the start-up controller and the contact guard.
 
     The start-up controller is computed once for a gait, which takes up to half a minute, and cached
@@ -76,14 +79,15 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
         law: see `holding`.
         solution: the gait.
         folder: where the start-up controller is stored, for other processes; None: nowhere.
+        cost: that it minimises, default: the time.
 
     Raises:
         TypeError, ValueError: see `holding`; or the start-up controller's file is damaged.
         OSError: the folder cannot be written.
     """
     from trajopt.feedback.controller import NEAR, ContactGuard, SwitchingController, margin_for
-    from trajopt.feedback.startup import startup_for
+    from trajopt.feedback.startup import TIME, startup_for
 
     law = holding(law, solution)
-    switching = SwitchingController(law, startup_for(law, NEAR, folder))
+    switching = SwitchingController(law, startup_for(law, NEAR, folder, cost or TIME))
     return ContactGuard(law.params, switching, margin_for(solution))

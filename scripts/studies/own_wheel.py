@@ -1,0 +1,136 @@
+"""Measure the search for gaits of a user's own machine: how near it comes to a much longer search.
+
+Machines are drawn with every parameter within 50 % of `BUILDABLE`'s or `THESIS_PHYSICAL`'s. The
+gait of `periodic_gait` is compared with the best that a full search finds on its mesh: from twice
+as many random starts, of another seed, and three times as many shipped gaits. It takes some half an
+hour of one core; after Ctrl-C or a kill, the same command continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, WheelParams
+from scripts.studies.documents import markdown
+from trajopt import NoGaitError, periodic_gait
+from trajopt.gaits.search import search_gaits
+from trajopt.pool import run
+from trajopt.store import Store, key
+
+#: Machines around which others are drawn, and by what share their parameters differ at most.
+BASES, SHARE = {"BUILDABLE": BUILDABLE, "THESIS_PHYSICAL": THESIS_PHYSICAL}, 0.5
+
+#: Parameters that are not drawn: they are no choice of the machine's builder.
+FIXED = ("gravity", "friction_width", "slope")
+
+#: Speed (m/s) around which speeds are drawn, as parameters are.
+SPEED = 0.4
+
+#: The full search.
+FULL: dict[str, Any] = {"starts": 120, "seed": 1, "shipped": 9}
+
+#: The cost that counts as met (relative).
+NEAR = 0.03
+
+
+class Task(NamedTuple):
+    """A machine drawn at random: around which one, and its number."""
+
+    base: str
+    number: int
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        prog="python -m scripts.studies own_wheel", description=__doc__
+    )
+    parser.add_argument("--machines", type=int, default=10, help="that walk, half of each base")
+    parser.add_argument("--folder", type=Path, default=Path("runs/own_wheel"))
+    parser.add_argument("--workers", type=int, help="machines at a time; all cores by default")
+    options = parser.parse_args(arguments)
+    with Store(options.folder) as store:
+        rows = [row for base in BASES for row in _rows(store, base, options)]
+    head = ("machine", "legs", "m/s", "CoT", "met by", "best known", "above it", "CPU, s")
+    print(markdown.table(head, [_cells(row) for row in rows]))
+    walking = [row for row in rows if row["best"]]
+    near = sum((row["cot"] or math.inf) <= (1 + NEAR) * row["best"] for row in walking)
+    print(f"within {NEAR:.0%} of the full search: {near} of {len(walking)} machines that walk")
+    return 0
+
+
+def drawn(task: Task) -> tuple[WheelParams, float]:
+    """A machine at random, and a speed (m/s)."""
+    base = BASES[task.base]
+    rng = np.random.default_rng([list(BASES).index(task.base), task.number])
+    values: dict[str, Any] = {}
+    for name, value in dataclasses.asdict(base).items():
+        if isinstance(value, int | float) and name not in FIXED:
+            values[name] = value * rng.uniform(1 - SHARE, 1 + SHARE)
+    values["n_legs"] = max(3, round(values["n_legs"]))
+    if "pendulum_reach" in values:
+        values["pendulum_reach"] = max(values["pendulum_reach"], values["pendulum_length"])
+    return base.replace(**values), float(SPEED * rng.uniform(1 - SHARE, 1 + SHARE))
+
+
+def _rows(store: Store, base: str, options: argparse.Namespace) -> list[dict[str, Any]]:
+    """The first machines for which a search found a gait, and those between them that have none."""
+    rows: list[dict[str, Any]] = []
+    while (missing := options.machines // 2 - sum(bool(row["best"]) for row in rows)) > 0:
+        tasks = [Task(base, len(rows) + i) for i in range(missing)]
+        new = [task for task in tasks if _key(task) not in store]
+        for task, row in run(measured, new, options.workers, progress=base):
+            store.save(_key(task), row)
+        rows += [store.load(_key(task)) for task in tasks]
+    return rows
+
+
+def _key(task: Task) -> str:
+    return key(f"{task.base}_{task.number}", drawn=drawn(task), full=FULL)
+
+
+def measured(task: Task) -> dict[str, Any]:
+    """The search of `periodic_gait` and the full one; None where they found nothing."""
+    params, speed = drawn(task)
+    begun, gait = time.process_time(), None
+    with suppress(NoGaitError):
+        gait = periodic_gait(params, speed)
+    seconds = time.process_time() - begun
+    full = search_gaits(params, speed, 1, **FULL)
+    costs = [gait.cot] if gait and gait.verification.passed else []
+    best = min(costs + [optimum.cost / full.unit[1] for optimum in full.optima], default=None)
+    return {
+        "machine": f"{task.base} {task.number}",
+        "legs": params.n_legs,
+        "speed": speed,
+        "cot": costs[0] if costs else None,
+        "met": gait and gait.provenance["met"],
+        "best": best,
+        "seconds": seconds,
+    }
+
+
+def _cells(row: dict[str, Any]) -> tuple[object, ...]:
+    cot, best = row["cot"], row["best"]
+    figures = [f"{each:.4f}" if each else "none" for each in (cot, best)]
+    above = f"{cot / best - 1:.1%}" if cot and best else "-"
+    name, legs, speed = row["machine"], row["legs"], f"{row['speed']:.3f}"
+    return (
+        name,
+        legs,
+        speed,
+        figures[0],
+        row["met"] or "-",
+        figures[1],
+        above,
+        round(row["seconds"]),
+    )
