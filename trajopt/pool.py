@@ -68,8 +68,6 @@ def run(
     Raises:
         KilledError: a worker was killed.
         MissingExtraError: Dask or Ray is not installed.
-        ValueError: joblib knows no such backend.
-        Exception: what a task raises.
     """
     backend = backend or os.environ.get(BACKEND) or LOCAL
     total = len(tasks) if isinstance(tasks, Sized) else None

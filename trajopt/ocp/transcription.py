@@ -172,13 +172,7 @@ class Transcription:
         parameters: Array | None = None,
         **options: Any,
     ) -> Result:
-        """A local optimum near `guess`, with options over `IPOPT`.
-
-        Raises:
-            TypeError, ValueError: see `trajopt.solve`; or `problem` differs from the one that was
-                transcribed in more than numbers.
-            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
-        """
+        """A local optimum near `guess`, with options over `IPOPT`; errors as of `trajopt.solve`."""
         problem = self.for_problem(problem or self.problem).problem
         lower, upper = self.layout.bounds(problem)
         start = np.clip(pack(self.layout, problem, guess, parameters), lower, upper)
