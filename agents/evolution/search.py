@@ -217,8 +217,13 @@ def search(
         best = EvolvingPolicy(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _race(settings, seed, floor)
-    checked = settings.refining_checked_starts
-    yield from best.evolve(None, refining(settings), checked, None)
+    # A long walk shows what the gait costs and whether it lasts. Most falls happen while the
+    # pendulum is pumped up; few starts would hardly show them.
+    refining = (
+        Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
+        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
+    )
+    yield from best.evolve(None, refining, settings.refining_checked_starts, None)
 
 
 def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
@@ -323,18 +328,6 @@ class Generation(NamedTuple):
 
     starts: int
     duration: Duration
-
-
-def refining(settings: EvolutionSettings) -> tuple[Generation, ...]:
-    """Long walks from few starts and short ones from many, in turn.
-
-    A long walk shows what the gait costs and whether it lasts. Most falls happen while the pendulum
-    is pumped up; few starts would hardly show them.
-    """
-    return (
-        Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
-        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
-    )
 
 
 class EvolvingPolicy:

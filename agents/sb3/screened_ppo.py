@@ -328,15 +328,6 @@ def score(gait: CleanWalking) -> float:
     return gait.share / gait.cot
 
 
-def best_of(scores: list[float], families: list[int], most: int) -> list[int]:
-    """The candidates with the highest scores, the best first, `OF_A_FAMILY` of each family."""
-    best: list[int] = []
-    for k in sorted(range(len(scores)), key=lambda k: -scores[k]):
-        if [families[i] for i in best].count(families[k]) < OF_A_FAMILY:
-            best.append(k)
-    return best[:most]
-
-
 @dataclasses.dataclass
 class Tournament:
     """Candidates that are improved one after the other, round after round, until one is left.
@@ -375,9 +366,11 @@ class Tournament:
         self.gaits.append(gait)
         if len(self.gaits) < len(self.candidates):
             return
-        best = best_of(
-            [score(each) for each in self.gaits], self.families.tolist(), self.rules.finalists
-        )
+        best: list[int] = []
+        for k in sorted(range(len(self.gaits)), key=lambda k: -score(self.gaits[k])):
+            if (self.families[best] == self.families[k]).sum() < OF_A_FAMILY:
+                best.append(k)
+        best = best[: self.rules.finalists]
         self.candidates, self.families = self.candidates[best], self.families[best]
         self.round, self.gaits = self.round + 1, []
 
