@@ -38,9 +38,8 @@ from agents.evolution.walks import (
     features,
 )
 from agents.learner import LAST, NO_CHANGES, SCRATCH, LearnerSettings, PolicyParts, Training
-from agents.policies import Act, learned_policy
 from agents.reward_weight import NO_WALK, CleanWalking, economy
-from agents.rollout import Rollout, draw_starts
+from agents.rollout import Act, Rollout, draw_starts, learned_policy
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Actor, Sb3Learner, model_state, restore_model
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
