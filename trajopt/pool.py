@@ -173,8 +173,7 @@ def _begin(parent: int) -> None:
 def _end_with(parent: int) -> None:
     """End this process soon after its parent, which may be killed and unable to do so.
 
-    A worker that computes for a minute would not notice. (CasADi and numba's loops release the
-    interpreter's lock, so that this thread can run.)
+    (CasADi and numba's loops release the interpreter's lock, so that this thread can run.)
     """
     while os.getppid() == parent:
         time.sleep(WATCH)

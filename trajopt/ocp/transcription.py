@@ -122,11 +122,7 @@ class Transcription:
     All bounds, offsets and floors are data of `solve`: one transcription serves all problems that
     differ in numbers alone.
 
-    Attributes:
-        problem: what is solved unless `solve` is given another.
-        mesh: that discretises it.
-        equations: its constraints and costs, and the layout of its unknowns.
-        program: the same, assembled for IPOPT, with exact derivatives.
+    `program` is what `equations` describe, assembled for IPOPT, with exact derivatives.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
