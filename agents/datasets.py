@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
-from agents.policies import Policy
 from agents.policy_files import BASELINES, PRETRAINED, named_policy, origin
-from agents.rollout import Episode, episodes
+from agents.rollout import Episode, Policy, episodes
 from rimless_gym import __version__
 from rimless_gym.checks import extra
 from rimless_gym.envs.task import TERM_NAMES

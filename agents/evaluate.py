@@ -30,8 +30,7 @@ from agents.outcomes import (
     outcomes,
     steps_per_period,
 )
-from agents.policies import Policy
-from agents.rollout import Rollout, draw_starts
+from agents.rollout import Policy, Rollout, draw_starts
 from rimless_gym.checks import flag, integer, real, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs import EPISODE_STEPS
@@ -182,7 +181,7 @@ def evaluate(
     """Let a policy walk in the vector environment, and measure it.
 
     Args:
-        policy: see `agents.policies`.
+        policy: see `agents.rollout`.
         params: the machine, as the environment takes it.
         protocol: starts and times.
         task: whose reward `objective` is, as the environment takes it.
@@ -299,7 +298,7 @@ def evaluate_commanded(
     Each speed is commanded for whole walks, from the same starts.
 
     Args:
-        policy: see `agents.policies`; it is given observations (N, 8).
+        policy: see `agents.rollout`; it is given observations (N, 8).
         commands: the speeds (m/s), one or more.
         params: the wheel's parameters, as the environment takes them.
         protocol: starts and times.

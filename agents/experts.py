@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from agents.conditions import Conditions
-from agents.policies import Policy, controller_policy, seeing_policy
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
+from agents.rollout import Policy, controller_policy, seeing_policy
 from rimless_gym.envs.layout import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE

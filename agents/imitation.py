@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from agents.conditions import Conditions
-from agents.policies import Act, Policy, learned_policy
-from agents.rollout import Rollout, draw_starts
+from agents.rollout import Act, Policy, Rollout, draw_starts, learned_policy
 from rimless_gym.checks import as_instance, extra, integer, positive, real
 from trajopt.feedback.law import Floats
 

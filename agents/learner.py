@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
-from agents.policies import Act, Policy
+from agents.rollout import Act, Policy
 from rimless_gym.checks import extra
 from rimless_gym.envs.task import Task
 

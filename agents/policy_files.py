@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts, Training, learner_class
-from agents.policies import Policy, Seeing, controller_policy, learned_policy
+from agents.rollout import Policy, Seeing, controller_policy, learned_policy
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import (
     LEG_RATE_SCALE,
@@ -90,7 +90,7 @@ class Checkpoint:
 
     @property
     def policy(self) -> Policy:
-        """`act` as what is evaluated, with laws that see the state (`agents.policies`)."""
+        """`act` as what is evaluated, with laws that see the state (`agents.rollout`)."""
         return learned_policy(self.act)
 
     @property

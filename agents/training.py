@@ -36,9 +36,9 @@ from agents.learner import (
     Training,
     learner_class,
 )
-from agents.policies import Policy, learned_policy
 from agents.policy_files import CheckpointError, origin, save_policy
 from agents.reward_weight import economy
+from agents.rollout import Policy, learned_policy
 from rimless_gym.checks import extra, integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
@@ -61,10 +61,6 @@ EVALUATIONS = 20
 
 #: The largest that numpy's global generator takes.
 MAX_SEED = 2**32 - 1
-
-
-class StateError(ValueError):
-    """A saved state is damaged, or does not fit the training that is to go on."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,10 +221,10 @@ def train(
         progress: whether to show progress bars.
 
     Raises:
-        ValueError: an argument is out of range, or `out` holds another training.
+        ValueError: an argument is out of range, `out` holds another training, or its state is
+            damaged.
         TypeError: an argument is of the wrong kind.
         CheckpointError: a policy to start from does not fit.
-        StateError: the state to go on from is damaged.
         OSError: the disk is full, or `out` cannot be written; the last state is kept.
         KeyboardInterrupt: the training was stopped.
     """
@@ -437,7 +433,7 @@ class Trainer:
             self._minutes_before = state["minutes"]
             self._curve = [Milestone(**each) for each in state["curve"]]
         except Exception as error:  # torch and learners may raise anything
-            raise StateError(
+            raise ValueError(
                 f"{path}: {error!r}; go on with the versions that began it, or remove {self._out} "
                 "to train anew"
             ) from error

@@ -127,8 +127,6 @@ def extra(name: str) -> Iterator[None]:
     """
     try:
         yield
-    except MissingExtraError:
-        raise
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"{error.name} is not installed: it comes with pip install 'rimless-gym[{name}]', or "

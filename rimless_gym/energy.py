@@ -75,10 +75,9 @@ ROW = places(Row)
 
 
 def balance(energies: Mapping[str, Any]) -> list[Any]:
-    """The energies of the balance with their signs; their sum is the residual.
+    """The energies (J) of the balance with their signs; their sum is the residual.
 
-    Args:
-        energies: name in `CHANNELS` -> energy (J), numbers or arrays. `push` may be missing.
+    They are given by name in `CHANNELS`, as numbers or arrays. `push` may be missing.
     """
     signs = {channel.name: channel.sign for channel in CHANNELS if channel.sign}
     return [sign * energies[name] for name, sign in signs.items() if name in energies]

@@ -68,8 +68,6 @@ def run(
     Raises:
         KilledError: a worker was killed.
         MissingExtraError: Dask or Ray is not installed.
-        ValueError: joblib knows no such backend.
-        Exception: what a task raises.
     """
     backend = backend or os.environ.get(BACKEND) or LOCAL
     total = len(tasks) if isinstance(tasks, Sized) else None
@@ -175,8 +173,7 @@ def _begin(parent: int) -> None:
 def _end_with(parent: int) -> None:
     """End this process soon after its parent, which may be killed and unable to do so.
 
-    A worker that computes for a minute would not notice. (CasADi and numba's loops release the
-    interpreter's lock, so that this thread can run.)
+    (CasADi and numba's loops release the interpreter's lock, so that this thread can run.)
     """
     while os.getppid() == parent:
         time.sleep(WATCH)

@@ -44,17 +44,14 @@ class Store:
                 store.save(task.key, result)
 
     Entering the store locks the folder; the operating system releases the lock, however the process
-    ends. Without entering, results can be loaded, and saved beside those of other processes.
+    ends. A folder that is locked, or holds results of other or unknown inputs, is a ValueError.
+    Without entering, results can be loaded, and saved beside those of other processes.
 
     Args:
         folder: is made where it is missing.
         inputs: JSON values that all results in the folder depend on. What one result depends on in
             addition belongs into its `key`.
         record: name of the file that holds `inputs` and the versions of the software.
-
-    Raises:
-        ValueError: on entering: another process has locked the folder, or it holds results of other
-            or unknown inputs.
     """
 
     def __init__(
@@ -93,11 +90,7 @@ class Store:
         return self._read(key) is not None
 
     def load(self, key: str) -> Any:
-        """The result that was saved; tuples come back as lists.
-
-        Raises:
-            KeyError: there is none, or it was changed since.
-        """
+        """The result that was saved, or a KeyError; tuples come back as lists."""
         content, arrays = self._read(key), dict[str, NDArray[Any]]()
         if content is None:
             raise KeyError(f"{self.folder / key}: no result, or changed since it was saved")
@@ -113,11 +106,6 @@ class Store:
             value: JSON values, and arrays among them.
             files: other files of the result, relative to the folder; where one of them is changed
                 or missing, the result no longer counts.
-
-        Raises:
-            TypeError: `value` is neither JSON nor an array.
-            FileNotFoundError: one of `files` is missing.
-            OSError: the disk is full, or the folder cannot be written.
         """
         arrays: dict[str, NDArray[Any]] = {}
         tree, parts = split(value, arrays), [str(each) for each in files]
@@ -175,14 +163,8 @@ class Store:
 
 
 def key(name: str, **inputs: Any) -> str:
-    """A key: a name for people, and a digest of all that the result depends on.
-
-    Args:
-        name: of the task.
-        inputs: JSON values, arrays and dataclasses.
-    """
-    text = json.dumps(jsonable(inputs), sort_keys=True).encode()
-    return re.sub(r"[^\w.+-]+", "_", name) + "-" + hashlib.sha256(text).hexdigest()[:12]
+    """A key: a name for people, and a digest of the JSON values, arrays and dataclasses given."""
+    return re.sub(r"[^\w.+-]+", "_", name) + "-" + _signature(jsonable(inputs))[:12]
 
 
 def file_digest(path: Path) -> str | None:
@@ -194,11 +176,7 @@ def file_digest(path: Path) -> str | None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file's content; an existing file is replaced as a whole.
-
-    Raises:
-        OSError: it cannot be written; an existing file is unchanged.
-    """
+    """Write a file's content; an existing file is replaced as a whole, or stays as it is."""
     with _replacing(path) as file:
         file.write(content)
 
@@ -231,16 +209,12 @@ def read_arrays(
         FileNotFoundError: there is no such file.
         Exception: `error`, with `remedy`, if it is of another format, or was edited or damaged.
     """
-    if isinstance(path, str | Path) and Path(path).is_dir():
-        raise error(f"{path}: a folder; give the .npz file in it")
     if isinstance(path, str | Path) and not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
         source = Path(path).open("rb") if isinstance(path, str | Path) else path  # noqa: SIM115
         with source as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
-        if others := [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]:
-            raise ValueError(f"{others} are no arrays")
         header = json.loads(str(arrays[HEADER]))
         written = header.pop("format")
     except Exception as cause:  # a damaged archive raises almost anything

@@ -26,8 +26,7 @@ from agents.cli.evaluate import evaluate
 from agents.cli.gait import catalog, gait, warmup
 from agents.cli.learn import compare, train
 from agents.cli.options import joined_fields
-from agents.cli.share import data, page
-from agents.cli.watch import play, watch
+from agents.cli.watch import data, page, play, watch
 
 #: Exit status: of refused input; of commands ended by Ctrl-C; of output that nobody reads.
 REFUSED, INTERRUPTED, UNREAD = 2, 130, 141

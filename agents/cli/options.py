@@ -6,6 +6,7 @@ value depends on (a machine, a file) is checked when the command runs.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import re
@@ -112,13 +113,8 @@ def several(
 
 def one(metavar: str, read: Callable[[str], Any]) -> PrimitiveConstructorSpec[Any]:
     """An option of one value."""
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar=metavar,
-        instance_from_str=lambda texts: read(*texts),
-        is_instance=lambda value: True,
-        str_from_instance=_written,
-    )
+    spec = several(metavar, read, 1)
+    return dataclasses.replace(spec, instance_from_str=lambda texts: read(*texts))
 
 
 #: For options whose description names the default, or that have none.

@@ -23,10 +23,9 @@ from agents.comparison.figures import write_figures
 from agents.comparison.methods import LearnedMethod, Method, Result, learning_curve, methods
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import Row, attained_rows, by_speed, format_table
-from agents.film import GroupFilm, ghost, times
+from agents.film import GroupFilm, ghost, record_policy, times
 from agents.learner import CLONE, IMITATION
 from agents.policy_files import NamedPolicy, load_policy
-from agents.recording import record_policy
 from rimless_gym.rendering.display import save_gif
 from trajopt.pool import run
 from trajopt.provenance import provenance

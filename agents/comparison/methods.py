@@ -20,8 +20,8 @@ from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
-from agents.policies import controller_policy, law_title
 from agents.policy_files import PRETRAINED, load_policy
+from agents.rollout import controller_policy, law_title
 from agents.training import TrainingConfig, train
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD

@@ -9,7 +9,7 @@ from typing import Any
 
 from agents.evaluate import EPISODE, evaluate
 from agents.gaps import FRONT_STEPS, gap_to_front, reward_rate
-from agents.policies import Policy
+from agents.rollout import Policy
 from rimless_gym.checks import integer, positive
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams

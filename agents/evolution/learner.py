@@ -15,8 +15,8 @@ from agents.conditions import Conditions, require_usual
 from agents.evolution.search import Answer, EvolutionSettings, Request, answered, search
 from agents.evolution.walks import SIZE, PolicySimulator, WalkReward, act
 from agents.learner import Callback, Learner, PolicyParts, Training
-from agents.policies import Act
 from agents.reward_weight import CleanWalking
+from agents.rollout import Act
 from rimless_gym.envs.task import Task
 from trajopt.feedback.law import Floats
 

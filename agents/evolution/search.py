@@ -62,10 +62,6 @@ LEAST_WEIGHT, GREATEST_WEIGHT, PRESENT = 0.1, 0.5, 0.8
 SENSES, FAMILIES = "senses", "families"
 
 
-class NothingWalksError(ValueError):
-    """The search has found no policy to go on from."""
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EvolutionSettings(LearnerSettings):
     """How evolution searches.
@@ -214,15 +210,20 @@ def search(
     """The whole search; it never ends. `start` (SIZE,) takes the place of screening and racing.
 
     Raises:
-        NothingWalksError: no random policy walks, or none of them still walks after the trial.
+        ValueError: no random policy walks, or none of them still walks after the trial.
     """
     if start is not None:
         family = yield from _family_of(settings, seed, start)
         best = EvolvingPolicy(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _race(settings, seed, floor)
-    checked = settings.refining_checked_starts
-    yield from best.evolve(None, refining(settings), checked, None)
+    # A long walk shows what the gait costs and whether it lasts. Most falls happen while the
+    # pendulum is pumped up; few starts would hardly show them.
+    refining = (
+        Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
+        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
+    )
+    yield from best.evolve(None, refining, settings.refining_checked_starts, None)
 
 
 def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
@@ -249,7 +250,7 @@ def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
     drawn = drawn[np.unique(np.concatenate([*_best(glanced, settings.retained).values()]))]
     screened = yield request(drawn, settings.screen_intervals, FAMILIES)
     if not len(screened.groups):
-        raise NothingWalksError(
+        raise ValueError(
             f"none of {settings.screened} random policies walks with these parameters: try another "
             "seed, start from a policy's file (init), or screen more of them "
             "(EvolutionSettings.screened)"
@@ -292,7 +293,7 @@ def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[Evolvi
         ranked += _ranked(candidates, settings.finalists)
     finalists = [one for one in ranked if one.score > 0.0]
     if not finalists:
-        raise NothingWalksError(
+        raise ValueError(
             f"none of the policies that walk among {settings.screened} random ones still walks "
             f"after {settings.trial} generations: try another seed, start from a policy's file "
             "(init), or screen more of them (EvolutionSettings.screened)"
@@ -327,18 +328,6 @@ class Generation(NamedTuple):
 
     starts: int
     duration: Duration
-
-
-def refining(settings: EvolutionSettings) -> tuple[Generation, ...]:
-    """Long walks from few starts and short ones from many, in turn.
-
-    A long walk shows what the gait costs and whether it lasts. Most falls happen while the pendulum
-    is pumped up; few starts would hardly show them.
-    """
-    return (
-        Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
-        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
-    )
 
 
 class EvolvingPolicy:

@@ -264,7 +264,8 @@ class WalkReward:
         share, at least one start).
         """
         time = duration.window * CONTROL_PERIOD
-        energy = walks.energy / self.params.weight + self._idle(duration)
+        idle = self.params.idle_power * duration.window * CONTROL_PERIOD
+        energy = walks.energy / self.params.weight + idle / self.params.weight
         off = np.abs(revolutions(walks) - family)
         share = np.where(walks.steps >= FEWEST_STEPS, np.clip(1.5 - 2.0 * off, 0.0, 1.0), 1.0)
         distance = np.minimum(walks.distance, self.speed * time)
@@ -274,17 +275,6 @@ class WalkReward:
         rewards = distance_weight * (distance - slipped - fallen) - energy
         count = max(1, round(counted * rewards.shape[1]))
         return np.asarray(np.sort(rewards, axis=1)[:, -count:].mean(axis=1) / time)
-
-    def _idle(self, duration: Duration) -> float:
-        """Idle energy in the window, over the weight (m)."""
-        return self.params.idle_power * duration.window * CONTROL_PERIOD / self.params.weight
-
-    def costs(self, walks: PolicyWalks, duration: Duration) -> Floats:
-        """Costs of transport (P, S) in the window; infinite where there is no way forward."""
-        distance = walks.distance
-        energy = walks.energy / self.params.weight + self._idle(duration)
-        costs = energy / np.maximum(distance, 1e-12)
-        return np.asarray(np.where(distance > 0.0, costs, np.inf))
 
     def gait(self, walks: PolicyWalks, duration: Duration, family: float) -> CleanWalking:
         """How the first policy of some walks walks in its family's gait."""

@@ -24,7 +24,7 @@ from agents import learner
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching, clone
 from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
-from agents.policies import Act, Policy, Seeing
+from agents.rollout import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
     Hyperparameters,

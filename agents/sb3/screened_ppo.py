@@ -4,7 +4,8 @@ No small change leads from leaning to the efficient gaits, in which the pendulum
 per step: PPO that begins with an untrained network never finds them. So thousands of random
 policies are screened first, as evolution does it (`agents.evolution.search`). PPO then improves
 some of every family of gaits in a short trial and the best of them in two longer rounds, and goes
-on with the best of all (`agents.sb3.rounds`).
+on with the best of all. They are linear in the products of `agents.evolution.walks`, and their
+critics are new in each round.
 
 The screening takes about 50 million control intervals, which do not count as time steps.
 """
@@ -13,49 +14,36 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import Any
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from agents import learner
 from agents.conditions import Conditions, require_usual
 from agents.evolution.search import EvolutionSettings, answered, screen
-from agents.evolution.walks import SIZE, Duration, PolicySimulator, WalkReward, act, families
-from agents.learner import (
-    LAST,
-    NO_CHANGES,
-    SCRATCH,
-    Callback,
-    LearnerSettings,
-    PolicyParts,
-    Training,
+from agents.evolution.walks import (
+    SIZE,
+    Duration,
+    PolicySimulator,
+    WalkReward,
+    act,
+    families,
+    features,
 )
-from agents.policies import Act, learned_policy
-from agents.reward_weight import NO_WALK, CleanWalking
-from agents.rollout import Rollout, draw_starts
+from agents.learner import LAST, NO_CHANGES, SCRATCH, LearnerSettings, PolicyParts, Training
+from agents.reward_weight import NO_WALK, CleanWalking, economy
+from agents.rollout import Act, Rollout, draw_starts, learned_policy
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Actor, Sb3Learner, model_state, restore_model
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
-from agents.sb3.rounds import (
-    Improve,
-    KeepBest,
-    NormalizeByPhase,
-    Products,
-    Tournament,
-    policy_of,
-    put_policy,
-    score,
-)
-from agents.sb3.wrappers import (
-    ScaledReward,
-    StartUpPhase,
-    begin_out_of_step,
-    wrapped,
-)
+from agents.sb3.wrappers import ScaledReward, StartUpPhase, begin_out_of_step, wrapped
 from rimless_gym.envs.task import Task
 from trajopt.feedback.law import Floats
 
@@ -78,6 +66,19 @@ WHITENED_STARTS, WHITENED_INTERVALS, WHITENED_SEED = 64, 1000, 5
 #: compared. The weight of a policy that rests or falls from some starts would stay high otherwise,
 #: and its gait costly. What it lacks is mended at the end.
 RACING_SHARE = 0.5
+
+#: Candidates of one family that may go on to the next round.
+OF_A_FAMILY = 2
+
+#: A direction in which the products hardly vary is stretched as though its mean square were larger
+#: by this. docs/learning.md has trials with more and with less.
+FLOOR = 0.003
+
+#: Advantages further from the median than so many spreads count as though they were at that limit.
+LIMIT = 10.0
+
+#: The percentage of a normal distribution that lies within one standard deviation.
+WITHIN_SPREAD = 68.27
 
 
 class ScreenedPpo(Sb3Learner):
@@ -107,7 +108,7 @@ class ScreenedPpo(Sb3Learner):
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
             weights = start.weights["weights"].astype(np.float64).reshape(SIZE)
-            self._race = Tournament.last_round(weights)
+            self._race = Tournament(weights[None], np.zeros(1, dtype=np.int64), len(ROUNDS) - 1)
             self._begin()
 
     @classmethod
@@ -162,7 +163,7 @@ class ScreenedPpo(Sb3Learner):
         kept = self._kept.weights
         return policy_of(self.model.policy) if kept is None else kept
 
-    def learn(self, until: int, callback: Callback) -> None:
+    def learn(self, until: int, callback: learner.Callback) -> None:
         """Learn until there have been `until` steps; a roll-out that was begun is ended."""
         if self.steps < until and not len(self._race.candidates):
             self._race = self._screened(callback)
@@ -176,7 +177,7 @@ class ScreenedPpo(Sb3Learner):
                 self._race.advance(weights, self._compared(weights))
                 self._begin()
 
-    def _screened(self, callback: Callback) -> Tournament:
+    def _screened(self, callback: learner.Callback) -> Tournament:
         """A race of the best random policies of each family."""
         callback.on_phase(f"screening {SCREENING.screened} random policies")
         search = screen(SCREENING, self.training.seed)
@@ -230,7 +231,7 @@ class ScreenedPpo(Sb3Learner):
         walks = Rollout(self.training.conditions, policy, starts, WHITENED_INTERVALS)
         return np.concatenate([interval.observations for interval in walks])
 
-    def _improve(self, until: int, ends: int, callback: Callback) -> None:
+    def _improve(self, until: int, ends: int, callback: learner.Callback) -> None:
         model, rules, decided = self.model, self._race.rules, self._race.decided
         wrapped(self._env, StartUpPhase).penalty = self._backward_penalty if decided else 0.0
         assert self._adaptive is not None
@@ -286,3 +287,273 @@ class ScreenedPpo(Sb3Learner):
         self._adaptive = self._new_weight(adaptive["weight"] or self._schedule.first_weight)
         self._adaptive.restore(adaptive)
         self._kept.restore(state["kept"])
+
+
+class PpoRound(NamedTuple):
+    """How PPO improves each candidate, for some time, before they are compared.
+
+    Attributes:
+        steps: time steps; None: all that are left.
+        critic_first: roll-outs at the beginning in which only the critic learns. A critic that has
+            only begun to learn spoils a good policy within a minute.
+        noise: standard deviations at first and in the end, in units of the limit. To leave costly
+            gaits takes more noise than efficient ones stand; and what is best under noise is not
+            what is best without, so noise that stays stops the descent.
+        last_rate: to what share of itself the learning rate falls.
+        finalists: candidates that go on to the next round, at most `OF_A_FAMILY` of each family.
+    """
+
+    steps: int | None
+    critic_first: int
+    noise: tuple[float, float]
+    last_rate: float
+    finalists: int
+
+
+#: A trial of all candidates, two rounds of the best, and the best of all to the end.
+ROUNDS = (
+    PpoRound(1_000_000, 4, (0.1, 0.1), 1.0, finalists=5),
+    PpoRound(2_000_000, 8, (0.1, 0.1), 1.0, finalists=2),
+    PpoRound(5_000_000, 8, (0.1, 0.06), 1.0, finalists=1),
+    PpoRound(None, 12, (0.06, 0.02), 0.2, finalists=0),
+)
+
+
+def score(gait: CleanWalking) -> float:
+    """Distance per energy, times the share of starts that walk.
+
+    A share counts for less than in `agents.reward_weight.economy`: falls and rests are mended
+    later, and the slowest gaits, which only lean in the end, walk from nearly all starts.
+    """
+    return gait.share / gait.cot
+
+
+@dataclasses.dataclass
+class Tournament:
+    """Candidates that are improved one after the other, round after round, until one is left.
+
+    Attributes:
+        candidates: weights of the round's policies, (n, size). Each is replaced by what it has
+            become.
+        families: of their gaits, (n,).
+        round: index of the round.
+        gaits: of the candidates that have been improved in this round.
+    """
+
+    candidates: Floats
+    families: NDArray[np.int64]
+    round: int = 0
+    gaits: list[CleanWalking] = dataclasses.field(default_factory=list)
+
+    @property
+    def rules(self) -> PpoRound:
+        """How policies are improved in this round."""
+        return ROUNDS[self.round]
+
+    @property
+    def decided(self) -> bool:
+        """Whether one candidate is left, which learns to the end."""
+        return self.rules.steps is None
+
+    @property
+    def candidate(self) -> Floats:
+        """Weights of the policy that is improved now, (size,)."""
+        return self.candidates[len(self.gaits)]
+
+    def advance(self, weights: Floats, gait: CleanWalking) -> None:
+        """Note what the policy has become and how it walks; go on to the next one."""
+        self.candidates[len(self.gaits)] = weights
+        self.gaits.append(gait)
+        if len(self.gaits) < len(self.candidates):
+            return
+        best: list[int] = []
+        for k in sorted(range(len(self.gaits)), key=lambda k: -score(self.gaits[k])):
+            if (self.families[best] == self.families[k]).sum() < OF_A_FAMILY:
+                best.append(k)
+        best = best[: self.rules.finalists]
+        self.candidates, self.families = self.candidates[best], self.families[best]
+        self.round, self.gaits = self.round + 1, []
+
+    @classmethod
+    def read(cls, state: Mapping[str, Any]) -> Tournament:
+        """The race of which `dataclasses.asdict` made this."""
+        gaits = [CleanWalking(*gait) for gait in state["gaits"]]
+        return cls(**{**state, "gaits": gaits})
+
+
+class Products(BaseFeaturesExtractor):
+    """The products, mixed so that gradients are natural ones.
+
+    Along a gait the products are nearly dependent: in some directions of their space they vary
+    a hundred times as much as in others, and a gradient sees only the first. `whiten` mixes them so
+    that all directions count alike. For a linear policy with constant noise, gradients then are
+    the natural ones (Kakade, A natural policy gradient, 2001).
+    """
+
+    mixing: torch.Tensor
+
+    def __init__(self, space: Any) -> None:
+        super().__init__(space, SIZE)
+        self.register_buffer("mixing", torch.eye(SIZE))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """The mixed products (N, SIZE) of observations (N, 6)."""
+        return _products(observations) @ self.mixing
+
+    def whiten(self, observations: NDArray[np.float32]) -> None:
+        """Mix the products so that they vary alike over some observations (N, 6)."""
+        products = _products(torch.from_numpy(observations)).numpy().astype(np.float64)
+        variances, directions = np.linalg.eigh(products.T @ products / len(products))
+        mixing = (directions / np.sqrt(variances + FLOOR)) @ directions.T
+        self.mixing.copy_(torch.from_numpy(mixing))
+
+
+def _products(observations: torch.Tensor) -> torch.Tensor:
+    constant, *others = features(*observations.unbind(1))
+    return torch.stack([torch.full_like(others[0], constant), *others], dim=1)
+
+
+def put_policy(network: Any, weights: Floats) -> None:
+    """Let a stable-baselines3 policy with `Products` act by weights (SIZE,) of the products."""
+    mixing = network.features_extractor.mixing.double()
+    with torch.no_grad():
+        network.action_net.bias.zero_()
+        network.action_net.weight[0] = torch.linalg.solve(mixing, torch.from_numpy(weights))
+
+
+def policy_of(network: Any) -> Floats:
+    """The weights (SIZE,) of the products by which a stable-baselines3 policy acts."""
+    layer, mixing = network.action_net, network.features_extractor.mixing
+    weights = mixing.numpy() @ layer.weight.detach().numpy()[0].astype(np.float64)
+    weights[0] += layer.bias.item()  # the constant product comes first
+    return np.asarray(weights)
+
+
+class NormalizeByPhase(BaseCallback):
+    """Gives advantages of start-up, of walking and of stalled wheels mean 0 and spread 1 each.
+
+    Otherwise those of the gait, which hardly vary, are lost among the others. A wheel has stalled
+    if it has started up but takes no step forward in a roll-out, which should last longer than a
+    step. A time step counts by its first control interval. For on-policy algorithms that do not
+    normalise advantages themselves.
+    """
+
+    def __init__(self, env: StartUpPhase) -> None:
+        super().__init__()
+        self._env = env
+        self._starting: list[NDArray[np.bool_]] = []
+        self._steps_before = env.steps
+
+    def _on_rollout_start(self) -> None:
+        self._starting, self._steps_before = [self._env.starting], self._env.steps
+
+    def _on_step(self) -> bool:
+        self._starting.append(self._env.starting)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        buffer: Any = self.locals["rollout_buffer"]
+        starting = np.array(self._starting[: len(buffer.advantages)])
+        walks = self._env.steps > self._steps_before
+        for samples in (starting, ~starting & walks, ~starting & ~walks):
+            advantages = buffer.advantages[samples]
+            if len(advantages) > 1:
+                buffer.advantages[samples] = normalized(advantages)
+
+
+def normalized(advantages: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    """Advantages (N,) with mean 0 and standard deviation 1, in which rare ones do not hide others.
+
+    The spread is measured by the usual ones, and what is beyond `LIMIT` spreads is clipped.
+    """
+    centred = advantages - np.median(advantages)
+    limit = LIMIT * np.percentile(np.abs(centred), WITHIN_SPREAD)
+    if limit > 0.0:
+        centred = np.clip(centred, -limit, limit)
+    return (centred - centred.mean()) / (centred.std() + 1e-8)
+
+
+class Improve(BaseCallback):
+    """Improves a candidate: what changes between two roll-outs of a round.
+
+    Rewards are divided by the weight of distance, so that they keep their size while it falls. The
+    actor stays as it is until the critic has learned what it is worth. Then the noise falls
+    geometrically and the learning rate linearly, until the end of the round.
+
+    Args:
+        actor, rules, rate: of the model that learns, of the round, and of learning at first.
+        steps: time steps at which the round begins, its actor begins to learn, and it ends.
+        env, adaptive: what scales the rewards, and the weight of distance.
+    """
+
+    def __init__(
+        self,
+        actor: Actor,
+        rules: PpoRound,
+        rate: float,
+        steps: tuple[int, int, int],
+        env: ScaledReward,
+        adaptive: AdaptiveRewardWeight,
+    ) -> None:
+        super().__init__()
+        self._actor, self._rules, self._rate = actor, rules, rate
+        self._begin, self._actor_begins, self._end = steps
+        self._env, self._scale, self._adaptive = env, env.scale, adaptive
+
+    def _on_rollout_start(self) -> None:
+        assert self._adaptive.weight is not None
+        self._env.scale = self._scale / self._adaptive.weight
+        self._actor.freeze(self.num_timesteps < self._actor_begins)
+        lasting = max(1, self._end - self._begin)
+        share = min(1.0, (self.num_timesteps - self._begin) / lasting)
+        loud, quiet = self._rules.noise
+        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
+        rate = (1.0 - share) * self._rate + share * self._rules.last_rate * self._rate
+        self.model.lr_schedule = lambda _: rate
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        self._env.scale = self._scale
+
+
+class KeepBest(BaseCallback):
+    """Checks the policy now and then, between two roll-outs, and keeps the weights of the best.
+
+    From update to update a policy walks from a few more or a few less starts, and costs a little
+    more or less. So the last one is rarely the best. It logs `checks/share` and `checks/cot`.
+
+    Attributes:
+        weights: of the policy with the greatest `economy` so far; None before any has walked.
+    """
+
+    def __init__(self, gait_of: Callable[[Floats], CleanWalking], every: int) -> None:
+        super().__init__()
+        self.weights: Floats | None = None
+        self._gait_of, self._every = gait_of, every
+        self._economy, self._due = 0.0, 0
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps < self._due:
+            return
+        self._due = self.num_timesteps + self._every
+        weights = policy_of(self.model.policy)
+        gait = self._gait_of(weights)
+        self.logger.record("checks/share", gait.share)
+        if np.isfinite(gait.cot):
+            self.logger.record("checks/cot", gait.cot)
+        reached = economy(gait.share, gait.cot)
+        if reached > self._economy:
+            self._economy, self.weights = reached, weights
+
+    def _on_step(self) -> bool:
+        return True
+
+    def state(self) -> dict[str, Any]:
+        """What it keeps, and when the next check is due."""
+        return {"weights": self.weights, "economy": self._economy, "due": self._due}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        self.weights, self._economy, self._due = state["weights"], state["economy"], state["due"]

@@ -95,7 +95,6 @@ class Sb3VecEnv(VecEnv):
         self._monitors = [
             [wrapper for wrapper in row if isinstance(wrapper, Monitor)] for row in self._wrappers
         ]
-        self._monitored = any(self._monitors)
         self._returns = np.zeros(native.num_envs)
         self._lengths = np.zeros(native.num_envs, dtype=np.int64)
         self._actions = np.zeros((native.num_envs, 1), dtype=np.float32)
@@ -156,9 +155,8 @@ class Sb3VecEnv(VecEnv):
         final = {name: columns.pop(name) for name in _FINAL if name in columns}
         self.last_info = columns
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
-        if self._monitored:
-            self._returns += rewards
-            self._lengths += 1
+        self._returns += rewards
+        self._lengths += 1
         dones = terminated | truncated
         if final:
             last = {name: final["final_info"][name] for name in columns}

@@ -57,7 +57,13 @@ def wrapped(env: Any, kind: type[_Kind]) -> _Kind:
     return layer
 
 
-class ScaledReward(VecEnvWrapper):
+class _Wrapper(VecEnvWrapper):
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+
+class ScaledReward(_Wrapper):
     """Multiplies rewards by a factor; what monitors `venv` below receives them in metres.
 
     They are metres per 10 ms, a few thousandths; learners like them nearer to 1.
@@ -67,17 +73,13 @@ class ScaledReward(VecEnvWrapper):
         super().__init__(venv)
         self.scale = positive("scale", scale)
 
-    def reset(self) -> VecEnvObs:
-        """The first observations."""
-        return self.venv.reset()
-
     def step_wait(self) -> VecEnvStepReturn:
         """What the environments return, the rewards times the scale."""
         observations, rewards, dones, infos = self.venv.step_wait()
         return observations, self.scale * rewards, dones, infos
 
 
-class HeldActions(VecEnvWrapper):
+class HeldActions(_Wrapper):
     """Actions are held for several control intervals; a time step is all of them.
 
     Noise that changes every 10 ms hardly moves the pendulum: an untrained policy explores more if
@@ -98,10 +100,6 @@ class HeldActions(VecEnvWrapper):
         self.intervals = integer("intervals", intervals, 1)
         self._actions = np.zeros(0)
 
-    def reset(self) -> VecEnvObs:
-        """The first observations."""
-        return self.venv.reset()
-
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
@@ -119,7 +117,7 @@ class HeldActions(VecEnvWrapper):
         return observations, total, over, infos
 
 
-class StartUpPhase(VecEnvWrapper):
+class StartUpPhase(_Wrapper):
     """Makes energy free in the first control intervals of an episode; falls and slips are not.
 
     Afterwards every touchdown that is a step backward may have a penalty: a wheel that comes out of
@@ -161,10 +159,6 @@ class StartUpPhase(VecEnvWrapper):
     def starting(self) -> NDArray[np.bool_]:
         """Whether the next interval of each row is one of the first, (N,)."""
         return np.asarray(self.monitor.episode_lengths < self.intervals)
-
-    def reset(self) -> VecEnvObs:
-        """The first observations."""
-        return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
         """What the environments return, with other rewards."""

@@ -130,14 +130,12 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
     """
     if isinstance(task, Mapping):
         task = dataclasses.asdict(present) | dict(task)
-    checked: Task = as_instance(Task, "task", task, present)
-    return checked
+    return as_instance(Task, "task", task, present)
 
 
 def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
     """Shares, given as such or as a mapping of their fields; None for the usual ones."""
-    checked: Starts = as_instance(Starts, "starts", starts, USUAL_STARTS)
-    return checked
+    return as_instance(Starts, "starts", starts, USUAL_STARTS)
 
 
 def as_params_list(params: Any, n: int) -> list[WheelParams]:

@@ -64,17 +64,9 @@ _SETTINGS = ("params", "ranges", "disturbances", "tasks", "starts", "control")
 
 
 class Batch:
-    """N rows, one wheel each.
+    """N rows, one wheel each, made from the environments' arguments.
 
-    Args:
-        params: the machine of each row.
-        task: the task of all rows at first.
-        ranges: the parameters of each machine that are drawn when an episode begins.
-        disturbances: what disturbs every episode.
-        control: how long an action is held, and what it commands.
-        starts: how often each kind of start is drawn.
-        num_threads: threads that share a step.
-        limit: greatest number of intervals in an episode.
+    `limit` is the greatest number of intervals in an episode.
 
     Attributes:
         params: the machine of each row before parameters are drawn, a list of N.

@@ -54,13 +54,7 @@ def blend(a: Colour, b: Colour, share: float) -> Colour:
 
 
 class Paint(NamedTuple):
-    """The colours of a machine.
-
-    Attributes:
-        leg, leg_light: of legs in the air, and of the light on them.
-        stance, stance_light: of legs that stand, and of the light on them.
-        rod, rod_dark, rod_light: of the pendulum, its edge, and the light on it.
-    """
+    """The colours of legs in the air, of legs that stand, of the pendulum, and of their lights."""
 
     leg: Colour
     leg_light: Colour

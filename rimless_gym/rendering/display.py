@@ -116,10 +116,7 @@ def save_gif(
 def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
     """Write a video, H.264 in an MP4 file; an existing one is replaced when this is complete.
 
-    Args:
-        frames: uint8 arrays of shape (height, width, 3), all of one shape.
-        path: of the file.
-        fps: frames per second.
+    The frames are uint8 arrays (height, width, 3), all of one shape, `fps` of them per second.
     """
     pictures = iter(frames)
     first = next(pictures, None)

@@ -48,13 +48,7 @@ LINE = 1 / 42
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Shown:
-    """One walker in the picture.
-
-    Attributes:
-        name: written under it.
-        colour: of its name, and of its ghost.
-        scene: where it is; `speed` and `cot` are written beside its name.
-    """
+    """One walker in the picture: its name, which is written under it, its colour and its scene."""
 
     name: str
     colour: Colour
@@ -77,9 +71,6 @@ def draw_several(
         size: width and height in pixels.
         lines: for how many names there is room below the track, at least.
         averaged: over what speeds and costs are averaged, written below them.
-
-    Returns:
-        Pixels, uint8 of shape (height, width, 3).
     """
     width, height = size
     strip = round(width * LINE * (1.1 * max(lines, len(walkers)) + 0.4))

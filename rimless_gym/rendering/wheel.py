@@ -82,7 +82,12 @@ def draw(params: WheelParams, scene: Scene, *, size: tuple[int, int] = (600, 400
     draw_track(canvas, params, scene)
     draw_wheel(canvas, params, scene, USUAL)
     draw_pendulum(canvas, params, scene, USUAL)
-    draw_captions(canvas, params, scene)
+    line = canvas.height / 13
+    if scene.time is not None:
+        place = 0.6 * line, 0.5 * line
+        canvas.text(f"{scene.time:.1f} s", place, 0.7 * line, FAINT, "topleft")
+    if scene.voltage is not None:
+        draw_voltage(canvas, params, scene.voltage, line, NEAR_HILLS, FAINT)
     return canvas.frame()
 
 
@@ -167,16 +172,6 @@ def draw_pendulum(canvas: Canvas, params: WheelParams, scene: Scene, paint: Pain
     canvas.disc(bob + 0.36 * radius * light, 0.20 * radius, WHITE)
     canvas.disc(hub, 0.07 * unit, paint.rod_dark)
     canvas.disc(hub, 0.035 * unit, WHITE)
-
-
-def draw_captions(sheet: Sheet, params: WheelParams, scene: Scene) -> None:
-    """The time and the voltage, where the scene has them."""
-    line = sheet.height / 13
-    if scene.time is not None:
-        place = 0.6 * line, 0.5 * line
-        sheet.text(f"{scene.time:.1f} s", place, 0.7 * line, FAINT, "topleft")
-    if scene.voltage is not None:
-        draw_voltage(sheet, params, scene.voltage, line, NEAR_HILLS, FAINT)
 
 
 def draw_voltage(

@@ -22,9 +22,8 @@ from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.experts import EXPERT_SPEED
-from agents.policies import Policy
 from agents.policy_files import BASELINES, PRETRAINED, named_policy
-from agents.rollout import episodes
+from agents.rollout import Policy, episodes
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import MIDDLE_SPEED, SPEED_SCALE
 from rimless_gym.envs.speed import SPEEDS, TASK

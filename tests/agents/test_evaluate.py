@@ -22,8 +22,7 @@ from agents.evaluate import (
     interquartile_mean,
 )
 from agents.outcomes import OUTCOMES, steps_per_period
-from agents.policies import controller_policy, learned_policy
-from agents.rollout import Rollout, draw_starts
+from agents.rollout import Rollout, controller_policy, draw_starts, learned_policy
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.speed import TASK
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA

@@ -8,9 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.film import AHEAD, GroupFilm, drawn, ghost, spending
+from agents.film import (
+    AHEAD,
+    STEPS,
+    GroupFilm,
+    Recording,
+    drawn,
+    ghost,
+    record,
+    record_gait,
+    record_policy,
+    spending,
+)
 from agents.policy_files import NamedPolicy, named_policy
-from agents.recording import STEPS, Recording, record, record_gait, record_policy
 from agents.rollout import Interval, Rollout, at_rest
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, LOSSES

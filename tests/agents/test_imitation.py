@@ -7,8 +7,7 @@ import torch
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
 from agents.imitation import COMMAND_LASTS, Cloning, Teaching, clone, walk
-from agents.policies import controller_policy, learned_policy
-from agents.rollout import draw_starts
+from agents.rollout import controller_policy, draw_starts, learned_policy
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from trajopt import periodic_gait
 from trajopt.feedback import laws

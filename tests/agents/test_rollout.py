@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.policies import controller_policy
 from agents.policy_files import BASELINES, named_policy
-from agents.rollout import Interval, Rollout, draw_starts, episodes, measured
+from agents.rollout import Interval, Rollout, controller_policy, draw_starts, episodes, measured
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL
 
 PUSHES = {"pushes": {"rate": 5.0, "impulse": (0.2, 0.5)}}

@@ -18,7 +18,7 @@ from agents.evaluate import evaluate
 from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts, learner_class
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.sb3 import learner as sb3
-from agents.training import StateError, Trainer, read_state, walking_economy
+from agents.training import Trainer, read_state, walking_economy
 from rimless_gym import BUILDABLE, PROTOTYPE
 from rimless_gym.envs.task import TERM_NAMES
 from tests.agents.runs import (
@@ -242,7 +242,7 @@ def test_a_folder_belongs_to_one_training_and_one_process(tmp_path):
     assert (again.timesteps, repr(again.curve)) == (128, repr(over.curve))  # nan is unequal
     assert run(tmp_path, timesteps=256).timesteps == 256
     (tmp_path / "state.pt").write_bytes(b"garbage")
-    with pytest.raises(StateError, match=r"state\.pt: .*to train anew"):
+    with pytest.raises(ValueError, match=r"state\.pt: .*to train anew"):
         run(tmp_path)
 
 

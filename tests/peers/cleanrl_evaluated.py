@@ -14,7 +14,7 @@ from cleanrl_shims import run
 from gymnasium.wrappers import NormalizeObservation
 
 from agents.evaluate import COMMANDS, evaluate_commanded
-from agents.policies import Act, learned_policy
+from agents.rollout import Act, learned_policy
 
 
 def normalisation(env: Any) -> NormalizeObservation:

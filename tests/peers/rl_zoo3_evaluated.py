@@ -11,7 +11,7 @@ from typing import Any
 import stable_baselines3
 
 from agents.evaluate import evaluate
-from agents.policies import learned_policy
+from agents.rollout import learned_policy
 
 if __name__ == "__main__":
     algo, file = sys.argv[1:]

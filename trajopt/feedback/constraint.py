@@ -58,15 +58,7 @@ class VirtualConstraint(NamedTuple):
 
 
 class ConstraintGains(NamedTuple):
-    """What a law that holds a constraint needs.
-
-    Attributes:
-        orbit: the gait's.
-        constraint: to hold.
-        constants: of the machine.
-        kp: of the error of the angle.
-        kd: of the error of the rate.
-    """
+    """What a law that holds a constraint needs: gains of the errors of the angle and its rate."""
 
     orbit: Orbit
     constraint: VirtualConstraint
@@ -98,9 +90,7 @@ class Output(NamedTuple):
 def constraint_of(solution: Solution) -> VirtualConstraint:
     """The virtual constraint of a gait.
 
-    Raises:
-        TypeError, ValueError: see `Grid.of`; or both angles stand still somewhere on the gait, or
-            there is a place where no voltage moves the wheel off its path.
+    A ValueError if both angles stand still somewhere, or no voltage moves the wheel off its path.
     """
     orbit = Grid.of(solution).orbit()
     rates = orbit.states[:, 2:].T

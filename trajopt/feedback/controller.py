@@ -31,20 +31,10 @@ NEAR = 0.13
 
 @dataclasses.dataclass(frozen=True)
 class SwitchingController:
-    """A law in single stance near its gait, and a start-up controller elsewhere.
-
-    Attributes:
-        law: that holds the gait.
-        startup: that leads to it.
-        near: see `NEAR`.
-
-    Raises:
-        ValueError: both controllers are for different machines.
-    """
+    """A law in single stance near its gait, and a start-up controller of its machine elsewhere."""
 
     law: Law
     startup: Controller
-    near: float = NEAR
 
     def __post_init__(self) -> None:
         require_machine("startup", self.startup, self.params)
@@ -57,7 +47,7 @@ class SwitchingController:
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
         states, modes = states_and_modes(x, mode)
-        far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > self.near**2)
+        far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > NEAR**2)
         volts = np.empty(len(states))
         for controller, these in ((self.law, ~far), (self.startup, far)):
             if these.any():
@@ -73,13 +63,10 @@ class ContactGuard:
     half line. Far from its gait, a law that knows nothing of contact would lose it now and then.
 
     Attributes:
-        params: the machine.
+        params: the controller's machine.
         controller: to guard.
         margin: least normal force in units of the weight, where a voltage within the limit can
             provide it; at least 0, and less than 1.
-
-    Raises:
-        ValueError: the controller is for another machine.
     """
 
     params: WheelParams

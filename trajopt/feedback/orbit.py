@@ -96,12 +96,7 @@ class Grid:
 
     @classmethod
     def of(cls, solution: Solution) -> Grid:
-        """The grid of a gait.
-
-        Raises:
-            TypeError: `solution` is not a `trajopt.Solution`.
-            ValueError: it failed its verification, or stops on two feet.
-        """
+        """The grid of a gait; a ValueError if it failed its verification, or stops on two feet."""
         require_kind("solution", solution, Solution)
         if solution.double_stance:
             raise ValueError(

@@ -171,11 +171,6 @@ class StartUpController:
             near: distance from the gait at which it does; > 0.
             counts: of the grid's nodes of each coordinate, default `COUNTS`.
             cost: to minimise, default: the time.
-
-        Raises:
-            TypeError: an argument is of the wrong type.
-            ValueError: a number is out of range, or none of the grid's nodes is near the gait.
-            RuntimeError: the times do not converge.
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)

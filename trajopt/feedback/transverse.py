@@ -121,10 +121,8 @@ def riccati(transverse: Transverse, effort: float, ahead: float) -> Optimal:
     added to the gait's voltage. A period leads from a time to the `FINENESS`th after it, so that
     there are as many interleaved recursions.
 
-    Where `ahead` is infinite, time does not count.
-
-    Raises:
-        RuntimeError: the recursion has not converged after `ROUNDS` strides.
+    Where `ahead` is infinite, time does not count. No convergence after `ROUNDS` strides is a
+    RuntimeError.
     """
     A, B, cost = transverse.A, transverse.B, weights(ahead)
     if math.isinf(ahead):
@@ -169,10 +167,6 @@ def multipliers(law: Law, solution: Solution) -> Floats:
     the gait at every decision: a deviation makes it early or late, which under a hold comes back as
     a small deviation, and that is left out. Which sign it has depends on where the touchdown falls
     between two decisions.
-
-    Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: it failed its verification, or the law is for another machine.
     """
     grid = Grid.of(solution)
     require_machine("law", law, solution.params)

@@ -41,12 +41,7 @@ STEPS = 2
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Candidate:
-    """A result, measured when it is first asked for a measure.
-
-    Attributes:
-        transcription: what was solved.
-        result: its solution.
-    """
+    """What was solved and its solution, measured when it is first asked for a measure."""
 
     transcription: Transcription
     result: Result

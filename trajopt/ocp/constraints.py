@@ -45,7 +45,6 @@ class Constraint:
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Check that every name has bounds, and that the bounds leave room."""
         object.__setattr__(self, "names", names_in("constraint: names", self.names))
         for side in ("lower", "upper"):
             values = real_array(f"constraint {self.names}: {side}", getattr(self, side))
@@ -84,7 +83,6 @@ class Violation:
     amount: float
 
     def __str__(self) -> str:
-        """A line for a report."""
         where = f" of phase {self.phase!r} at t = {self.time:.6g} s" if self.phase else ""
         name = f" of {self.name}" if self.name else ""
         return f"{self.kind}{name}{where} violated by {self.amount:.1e}"

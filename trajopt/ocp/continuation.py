@@ -170,7 +170,11 @@ class _Follower:
             problem = self.problem_at(value)
         except InfeasibleBoundsError as error:
             return Obstacle(value, str(error), None)
-        guess = self._predicted(value)
+        guess = self.phases
+        if len(self.solved) > 1:
+            (first, before), (second, after) = self.solved[-2:]
+            factor = (value - second) / (second - first)
+            guess = extrapolated(before.phases, after.phases, factor)
         extremal = solve(
             problem,
             guess,
@@ -190,13 +194,6 @@ class _Follower:
         self.mesh = self.first_mesh if grown else extremal.mesh
         self.options = {"mu_init": WARM_BARRIER, "option_sets": ({},)}
         return None
-
-    def _predicted(self, value: float) -> Sequence[PhaseTrajectory]:
-        """The last two solutions extrapolated; with fewer than two, the last one or the start."""
-        if len(self.solved) < 2:
-            return self.phases
-        (first, before), (second, after) = self.solved[-2:]
-        return extrapolated(before.phases, after.phases, (value - second) / (second - first))
 
     def _transcription(self, problem: Problem) -> Transcription:
         """A transcription of the problem on the mesh; the last one if it serves."""

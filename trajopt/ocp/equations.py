@@ -46,13 +46,7 @@ class Rows:
 
 @dataclasses.dataclass(frozen=True)
 class ElementBlock:
-    """The block of a phase's elements of one degree.
-
-    Attributes:
-        phase: index of the phase.
-        group: the elements.
-        block: applied once to each of them.
-    """
+    """The block that is applied once to each element of one degree of a phase (its index)."""
 
     phase: int
     group: Group
@@ -63,9 +57,6 @@ class Equations:
     """All constraints and costs of a problem on a mesh.
 
     Attributes:
-        problem: whose equations they are.
-        mesh: that discretises it.
-        layout: of the unknowns.
         rows: what the rows of g mean, in order.
         blocks: functions whose outputs add up to g, and whose costs add up to f.
         element_blocks: those of them that belong to elements.

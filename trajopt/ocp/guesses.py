@@ -76,19 +76,12 @@ class Waypoints:
         low = np.where(np.isfinite(lower), lower, np.minimum(values[0], upper) - width)
         high = np.where(np.isfinite(upper), upper, np.maximum(values[0], lower) + width)
         values[1:-1] = rng.uniform(low, high, (count, len(low)))
-        times = random_duration(phase, trajectory, rng) * knots
-        return _joined(times, values, len(phase.states))
-
-
-def random_duration(phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator) -> float:
-    """A random duration (s): uniform within the phase's bounds.
-
-    Without an upper bound, the trajectory's duration times a random factor from 1/e to e.
-    """
-    least, most = pair(phase.duration)
-    if np.isfinite(most):
-        return float(rng.uniform(least, most))
-    return max(least, trajectory.duration * float(np.exp(rng.uniform(-1.0, 1.0))))
+        least, most = pair(phase.duration)
+        if np.isfinite(most):
+            duration = float(rng.uniform(least, most))
+        else:  # up to e times as long, or as short
+            duration = max(least, trajectory.duration * float(np.exp(rng.uniform(-1.0, 1.0))))
+        return _joined(duration * knots, values, len(phase.states))
 
 
 def _joined(t: Array, values: Array, states: int) -> PhaseTrajectory:

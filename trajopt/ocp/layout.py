@@ -28,8 +28,6 @@ class Layout:
     """Shapes and places of a problem's unknowns on a mesh; matrices are in column-major order.
 
     Attributes:
-        problem: whose unknowns they are.
-        mesh: that discretises it.
         shapes: of the unknowns of every key, in order.
         cuts: where each begins in the vector, and the vector's end.
         size: of the vector.

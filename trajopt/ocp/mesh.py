@@ -35,7 +35,6 @@ class Mesh:
     control_degree: int | None = None
 
     def __post_init__(self) -> None:
-        """Check that the edges are in order and that every element has a degree."""
         _require_scheme(self.scheme)
         if len(self.fractions) != len(self.degrees):
             raise ValueError(
@@ -114,13 +113,7 @@ class Mesh:
 
 @dataclasses.dataclass(frozen=True)
 class Group:
-    """The elements of one degree of a phase.
-
-    Attributes:
-        degree: of the state.
-        scheme: of that degree.
-        elements: their indices, ascending.
-    """
+    """The elements of one degree of a phase: the scheme, and their indices, ascending."""
 
     degree: int
     scheme: Scheme

@@ -63,7 +63,6 @@ class Problem:
     endpoint_cost: Expression | None = None
 
     def __post_init__(self) -> None:
-        """Check types and bounds, and trace all expressions."""
         require_bounds("parameters: bounds", self.parameters)
         require_room("duration", *pair(self.duration, "duration"))
         n = len(self.parameters)
@@ -172,7 +171,6 @@ class Phase:
     duration: float | tuple[float, float] = (1e-3, math.inf)
 
     def __post_init__(self) -> None:
-        """Check names, types and bounds."""
         where = f"phase {self.name!r}"
         for kind in ("states", "controls"):
             object.__setattr__(self, kind, names_in(f"{where}: {kind}", getattr(self, kind)))
@@ -261,7 +259,6 @@ class Linkage:
     offset: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the numbers. Only the problem knows whether the phases exist."""
         for name, value in self.offset.items():
             real(f"linkage: offset of {name}", value)
 

@@ -42,12 +42,9 @@ def no_larger(error: float, other: float) -> bool:
 
 def least_first(items: Iterable[T], cost: Callable[[T], float], tie: float = TIE) -> list[T]:
     """The items in order of cost; items that tie with the least of a group keep their order."""
-    ranked: list[T] = []
-    ties: list[tuple[int, T]] = []
-    least = math.nan
-    for index, item in sorted(enumerate(items), key=lambda pair: cost(pair[1])):
-        if not tied(cost(item), least, tie):
-            ranked += [other for _, other in sorted(ties, key=lambda pair: pair[0])]
-            ties, least = [], cost(item)
-        ties.append((index, item))
-    return ranked + [item for _, item in sorted(ties, key=lambda pair: pair[0])]
+    groups: list[list[tuple[int, T]]] = []
+    for pair in sorted(enumerate(items), key=lambda pair: cost(pair[1])):
+        if not groups or not tied(cost(pair[1]), cost(groups[-1][0][1]), tie):
+            groups.append([])
+        groups[-1].append(pair)
+    return [item for ties in groups for _, item in sorted(ties, key=lambda pair: pair[0])]

@@ -91,12 +91,10 @@ def simulate_phase(
 def _simulated_elements(
     phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
 ) -> Iterator[tuple[Array, Array]]:
-    """Simulate a phase from `start`, element by element.
+    """For every element times (9,), and there the states and the cost so far (9, nx + 1).
 
-    Yields:
-        For every element times, shape (9,), and there the states and the cost so far, shape
-        (9, nx + 1). Where the integrator fails or takes more than `EFFORT` evaluations, these are
-        infinite and the element is the last.
+    Where the integrator fails or takes more than `EFFORT` evaluations, these are infinite and the
+    element is the last.
     """
     nx, effort, cost = len(phase.states), itertools.count(), 0.0
     surplus = _running_cost(phase, start, trajectory.controls[0, 0], p)[1]

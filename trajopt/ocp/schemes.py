@@ -70,11 +70,9 @@ class Scheme:
 
 
 class SchemeFamily(NamedTuple):
-    """The schemes of one name.
+    """The schemes of one name, by degree of the state and highest degree of the control or None.
 
-    Attributes:
-        of_degree: (degree of the state, highest degree of the control or None) -> the scheme.
-        degree: of the state, if all elements have the same one.
+    `degree` is that of the state, if all elements have the same one.
     """
 
     of_degree: Callable[[int, int | None], Scheme]

@@ -181,12 +181,7 @@ def _certify(first: Candidate, tolerance: float, runs: IpoptRuns) -> Candidate:
 
 
 class IpoptRuns:
-    """Runs IPOPT and logs every run.
-
-    Attributes:
-        options: of IPOPT, in all runs.
-        attempts: the log.
-    """
+    """Runs IPOPT, with the same options over its own, and logs every run in `attempts`."""
 
     def __init__(self, options: Mapping[str, Any]) -> None:
         self.options = dict(options)

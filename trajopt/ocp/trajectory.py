@@ -41,7 +41,6 @@ class PhaseTrajectory:
     controls: Array
 
     def __post_init__(self) -> None:
-        """Check that the arrays fit together; `require_sound` checks their numbers."""
         for field in dataclasses.fields(self):
             array = real_array(field.name, getattr(self, field.name))
             object.__setattr__(self, field.name, array.astype(np.float64, copy=False))

@@ -122,11 +122,7 @@ class Transcription:
     All bounds, offsets and floors are data of `solve`: one transcription serves all problems that
     differ in numbers alone.
 
-    Attributes:
-        problem: what is solved unless `solve` is given another.
-        mesh: that discretises it.
-        equations: its constraints and costs, and the layout of its unknowns.
-        program: the same, assembled for IPOPT, with exact derivatives.
+    `program` is what `equations` describe, assembled for IPOPT, with exact derivatives.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
@@ -172,13 +168,7 @@ class Transcription:
         parameters: Array | None = None,
         **options: Any,
     ) -> Result:
-        """A local optimum near `guess`, with options over `IPOPT`.
-
-        Raises:
-            TypeError, ValueError: see `trajopt.solve`; or `problem` differs from the one that was
-                transcribed in more than numbers.
-            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
-        """
+        """A local optimum near `guess`, with options over `IPOPT`; errors as of `trajopt.solve`."""
         problem = self.for_problem(problem or self.problem).problem
         lower, upper = self.layout.bounds(problem)
         start = np.clip(pack(self.layout, problem, guess, parameters), lower, upper)

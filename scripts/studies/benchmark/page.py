@@ -67,15 +67,8 @@ def page(run: dict[str, Any]) -> str:
         return [row for row in ROWS if row.group == group]
 
     computer, ours = run["machine"], run["versions"]
-    versions = sorted(
-        {
-            text
-            for result in found.values()
-            for answer in result["answers"]
-            for name, text in answer.items()
-            if name.endswith("version")
-        }
-    )
+    answers = [answer for key in found for answer in answers_of(found, key)]
+    versions = {answer[name] for answer in answers for name in answer if name.endswith("version")}
     parts = [
         INTRODUCTION.format(**run),
         "## Goals",
@@ -88,13 +81,13 @@ def page(run: dict[str, Any]) -> str:
         optimisation_table(of(OPTIMISATION), found),
         PROCESS_TEXT,
         lines_table(of(PROCESS), found, ("median (spread)",), process_line),
-        accuracy_text(found.get("accuracy")),
+        accuracy_text(answers_of(found, "accuracy")),
         f"""## Computer and versions
 
 {computer["cpu"]}, {computer["cores"]} cores, {computer["system"]}; load before \
 {computer["load"]:.2f}; {run["date"]}; revision {run["git_revision"]}.
 
-{", ".join(versions)}; numba {ours["numba"]}, numpy {ours["numpy"]}, \
+{", ".join(sorted(versions))}; numba {ours["numba"]}, numpy {ours["numpy"]}, \
 Python {computer["python"]}.""",
     ]
     return "\n\n".join(parts) + "\n"
@@ -162,7 +155,8 @@ def lines_table(
     lines = []
     for row in rows:
         answers = answers_of(found, row.key)
-        blank = (missing(found, row.key), *[""] * (len(head) - 1))
+        error = found[row.key]["error"] if row.key in found else None
+        blank = (f"- ({error or 'not measured'})", *[""] * (len(head) - 1))
         lines.append((row.title, *(line(answers, row) if answers else blank)))
     return table(("", *head), lines)
 
@@ -173,13 +167,13 @@ def process_line(answers: list[dict[str, Any]], row: BenchmarkRow) -> tuple[str,
     return (f"{median(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})",)
 
 
-def accuracy_text(result: dict[str, Any] | None) -> str:
+def accuracy_text(answers: list[dict[str, Any]]) -> str:
     """The errors of what was timed."""
     heading = "## Accuracy of what was timed\n\n"
-    if result is None or not result["answers"]:
+    if not answers:
         return f"{heading}Not measured."
     state, event = (
-        max(answer[name] for answer in result["answers"]) for name in ("state_error", "event_error")
+        max(answer[name] for answer in answers) for name in ("state_error", "event_error")
     )
     return f"""{heading}Against the reference simulator over pieces of 2 s of the walk: states
 within {state:.0e} (rad, rad/s); touchdowns within {event:.0e} s when located from the reference's
@@ -216,22 +210,11 @@ def answers_of(found: dict[str, Any], key: str) -> list[dict[str, Any]]:
     return list(found[key]["answers"]) if key in found else []
 
 
-def missing(found: dict[str, Any], key: str) -> str:
-    """What stands in the table for a row without answers."""
-    error = found[key]["error"] if key in found else None
-    return f"- ({error or 'not measured'})"
-
-
 def ratio(found: dict[str, Any], ours: str, theirs: str, time: str | None = None) -> float | None:
     """How many times as fast ours is: the median of the ratios within rounds that have both.
 
-    Ratios are taken within a round because the computer may be slower in another.
-
-    Args:
-        found: results by key.
-        ours: key of a row.
-        theirs: key of another one.
-        time: name of the time (s) that is compared; by default the time of a step.
+    Ratios are taken within a round because the computer may be slower in another. `ours` and
+    `theirs` are keys of rows, `time` names the time (s); by default it is that of a step.
     """
 
     def times(key: str) -> dict[int, float]:

@@ -119,10 +119,10 @@ def gymnax_vector(seconds: float, env: str, n: int) -> dict[str, Any]:
     return answer("gymnax", **repeated(chunk, seconds), jax_version=f"jax {version('jax')}")
 
 
-def repeated(chunk: Callable[[], int], seconds: float, warm_up: float = 0.3) -> dict[str, Any]:
-    """Repeat `chunk`, which returns how many steps it took, until the time is over."""
+def repeated(chunk: Callable[[], int], seconds: float) -> dict[str, Any]:
+    """Repeat `chunk`, which returns how many steps it took, after a while of warming up."""
     steps = 0
-    for duration in (warm_up, seconds):
+    for duration in (0.3, seconds):
         steps, begin = 0, time.perf_counter()
         while (elapsed := time.perf_counter() - begin) < duration or steps == 0:
             steps += chunk()

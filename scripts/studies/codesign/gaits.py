@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from agents.evaluate import Protocol, evaluate
-from agents.policies import controller_policy
+from agents.rollout import controller_policy
 from rimless_gym.hybrid import CONTROL_PERIOD, motor_torque, relative_rate
 from rimless_gym.params import WheelParams
 from scripts.studies import designed_gaits

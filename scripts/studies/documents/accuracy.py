@@ -33,14 +33,10 @@ class KernelRun:
     residual: float  # the largest residual of one interval's ledger (J)
 
     @property
-    def touchdowns(self) -> int:
-        """How many there were in all."""
-        return int(self.total[ROW.touchdowns])
-
-    def same_events(self, touchdowns: int, mode: int, foot: int) -> bool:
-        """Whether this run had as many touchdowns and ended in the same mode on the same foot."""
-        ended = (self.states[-1, MODE], self.states[-1, FOOT])
-        return self.touchdowns == touchdowns and ended == (mode, foot)
+    def events(self) -> tuple[int, int, int]:
+        """How many touchdowns there were, and the mode and foot at the end."""
+        mode, foot = self.states[-1, [MODE, FOOT]].astype(int)
+        return int(self.total[ROW.touchdowns]), int(mode), int(foot)
 
 
 def by_kernel(motion: DrivenMotion, moved: float = 0.0) -> KernelRun:
@@ -78,10 +74,10 @@ class Accuracy:
         ends = CONTROL_PERIOD * np.arange(1, len(motion.volts) + 1)
         reference = simulate(motion.params, motion.start[:4], motion.volts, ends[-1])
         self.motions += 1
-        self.touchdowns += ours.touchdowns
+        self.touchdowns += ours.events[0]
         self.residual = max(self.residual, ours.residual)
         mode = MODE_NAMES.index(reference.final_mode)
-        if ours.same_events(len(reference.touchdowns), mode, int(reference.foot[-1])):
+        if ours.events == (len(reference.touchdowns), mode, int(reference.foot[-1])):
             errors = np.abs(ours.states[:, :4] - reference.state(ends, side="left"))
             self.state = max(self.state, float(errors.max()))
             energies = Ledger.from_rows(ours.total, motion.params).to_dict()
@@ -90,7 +86,7 @@ class Accuracy:
             self.energy = max(self.energy, *apart)
         else:
             self.disagreements += 1
-        if ours.same_events(moved.touchdowns, *moved.states[-1, MODE:]):
+        if ours.events == moved.events:
             errors = np.abs(ours.states[:, :4] - moved.states[:, :4])
             self.nudged = max(self.nudged, float(errors.max()))
 

@@ -6,14 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
 from rimless_gym.equations import equations
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.presets import PRESETS
-
-Array = NDArray[np.float64]
 
 
 def single_inertia(params: WheelParams) -> WheelParams:
@@ -25,19 +22,11 @@ def single_inertia(params: WheelParams) -> WheelParams:
     return params.replace(impact_law="thesis", wheel_mass=max(params.wheel_mass - spare, 0.0))
 
 
-def pre_impact_states(count: int) -> tuple[Array, Array, Array]:
-    """Random (theta, phi', theta'), in [-pi, pi], [0, 4] rad/s and [-8, 8] rad/s."""
-    rng = np.random.default_rng(0)
-    return (
-        rng.uniform(-math.pi, math.pi, count),
-        rng.uniform(0, 4, count),
-        rng.uniform(-8, 8, count),
-    )
-
-
 def printed_impact(count: int = 200_000) -> dict[str, Any]:
     """What the printed map (3.82) does, beside the plastic one."""
-    states = pre_impact_states(count)
+    rng = np.random.default_rng(0)
+    ranges = ((-math.pi, math.pi), (0, 4), (-8, 8))  # of theta (rad), phi' and theta' (rad/s)
+    states = [rng.uniform(low, high, count) for low, high in ranges]
     shares = {}
     machines = OF_THE_THESIS | {
         f"THESIS_PHYSICAL, n = {n}": THESIS_PHYSICAL.replace(n_legs=n) for n in (4, 6, 8, 12)

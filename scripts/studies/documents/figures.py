@@ -123,16 +123,11 @@ def accuracy_table(results: Results) -> str:
     rows = []
     for case in CASES:
         cells = [results["accuracy"][name][case] for name in PRESETS]
-        each = {
-            key: " / ".join(f"{cell[key]:.0e}" for cell in cells) for key in ("state", "nudged")
-        }
-        total = {
-            key: sum(cell[key] for cell in cells)
-            for key in ("motions", "touchdowns", "disagreements")
-        }
+        counts = [sum(cell[key] for cell in cells) for key in ("motions", "touchdowns")]
+        errors = [" / ".join(f"{cell[key]:.0e}" for cell in cells) for key in ("state", "nudged")]
         residual = f"{max(cell['residual'] for cell in cells):.0e}"
-        row = [case, total["motions"], total["touchdowns"], each["state"], each["nudged"]]
-        rows.append([*row, residual, total["disagreements"]])
+        disagreements = sum(cell["disagreements"] for cell in cells)
+        rows.append([case, *counts, *errors, residual, disagreements])
     return table([*head, "ledger residual (J)", "disagree"], rows)
 
 

@@ -20,7 +20,7 @@ from agents.evaluate import (
     evaluate,
     interquartile_mean,
 )
-from agents.policies import Policy, controller_policy
+from agents.rollout import Policy, controller_policy
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, push

@@ -18,9 +18,8 @@ from agents.evaluate import COMMANDS, Evaluation, Protocol, evaluate, evaluate_c
 from agents.experts import EXPERT
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
 from agents.outcomes import FALLS, WALKS, Window, outcomes
-from agents.policies import Policy, learned_policy
 from agents.policy_files import load_policy
-from agents.rollout import Rollout, draw_starts
+from agents.rollout import Policy, Rollout, draw_starts, learned_policy
 from agents.sb3.learner import NetworkPolicy
 from agents.training import TrainingConfig, train
 from rimless_gym.checks import extra

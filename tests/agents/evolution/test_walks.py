@@ -17,9 +17,8 @@ from agents.evolution.walks import (
     members,
     senses,
 )
-from agents.policies import learned_policy
 from agents.reward_weight import NO_WALK
-from agents.rollout import Rollout, draw_starts
+from agents.rollout import Rollout, draw_starts, learned_policy
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.kernel.stepping import THETA
 

@@ -17,14 +17,15 @@ from agents.evolution.walks import SIZE, Duration, act
 from agents.learner import Training
 from agents.policy_files import load_policy
 from agents.reward_weight import NO_WALK, CleanWalking
-from agents.sb3 import rounds, screened_ppo
-from agents.sb3.rounds import (
+from agents.sb3 import screened_ppo
+from agents.sb3.screened_ppo import (
+    ROUNDS,
     NormalizeByPhase,
+    ScreenedPpo,
     Tournament,
     policy_of,
     put_policy,
 )
-from agents.sb3.screened_ppo import ScreenedPpo
 from agents.sb3.wrappers import StartUpPhase, training_env, wrapped
 from agents.training import TrainingConfig, read_state, train
 from rimless_gym.envs.task import Task
@@ -44,8 +45,8 @@ def brief(monkeypatch, request):
         return
     few = EvolutionSettings(screened=400, retained=20, screen_intervals=400, candidates=2)
     monkeypatch.setattr(screened_ppo, "SCREENING", few)
-    short = tuple(each._replace(steps=each.steps and TURN) for each in rounds.ROUNDS)
-    monkeypatch.setattr(rounds, "ROUNDS", short)
+    short = tuple(each._replace(steps=each.steps and TURN) for each in ROUNDS)
+    monkeypatch.setattr(screened_ppo, "ROUNDS", short)
     for name, value in {
         "CANDIDATES": 1,
         "COMPARED": Duration.second_half(500),
@@ -123,8 +124,8 @@ def test_killed_in_a_round_and_resumed_it_ends_with_the_same_policy(tmp_path, mo
         name: [event.value for event in events]
         for name, events in scalars(tmp_path / "whole").items()
     }
-    assert max(shown["train/std"]) == pytest.approx(rounds.ROUNDS[0].noise[0])
-    assert min(shown["train/std"]) < rounds.ROUNDS[-1].noise[0]
+    assert max(shown["train/std"]) == pytest.approx(ROUNDS[0].noise[0])
+    assert min(shown["train/std"]) < ROUNDS[-1].noise[0]
     assert min(shown["reward_weight/distance"]) < 5.0
     assert shown["train/learning_rate"][-1] < 0.5 * shown["train/learning_rate"][0]
 
@@ -147,7 +148,7 @@ def test_only_the_last_candidate_has_a_penalty_for_steps_backward_and_must_walk_
 ):
     shares, penalties = [], []
     learner._schedule = dataclasses.replace(learner._schedule, least_share=0.8)
-    for number in range(len(rounds.ROUNDS)):
+    for number in range(len(ROUNDS)):
         learner._race = Tournament(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
         learner._begin()
         wrapper = wrapped(learner._env, StartUpPhase)
@@ -206,8 +207,7 @@ def test_the_best_two_of_each_family_go_on_and_the_best_of_all_learns_to_the_end
     assert (race.gaits, race.decided) == ([GAITS[1]], False)
     race.advance(np.array([10.0]), GAITS[0])
     assert (race.candidates.tolist(), race.decided) == ([[11.0]], True)
-    assert race.rules == rounds.ROUNDS[-1]
-    assert Tournament.last_round(np.array([3.0])).decided
+    assert race.rules == ROUNDS[-1]
 
 
 class Spreads(BaseCallback):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.evaluate import SHORT_PROTOCOL, evaluate
-from agents.policies import controller_policy
+from agents.rollout import controller_policy
 from rimless_gym.presets import preset
 from scripts.studies.feedback_laws.measures import on_the_gait
 from trajopt import Solution, periodic_gait

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.evaluate import Protocol, evaluate
-from agents.policies import controller_policy
+from agents.rollout import controller_policy
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE, SINGLE

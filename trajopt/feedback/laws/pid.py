@@ -21,12 +21,7 @@ KP, KD = 400.0, 10.0
 
 
 def design(solution: Solution) -> Law:
-    """The law for a gait.
-
-    Raises:
-        TypeError, ValueError: see `constraint_of`; or the motor's angle is the phase, or a voltage
-            moves the other angle backwards.
-    """
+    """The law for a gait; it raises what `constraint_of` does, and where a servo cannot hold it."""
     constraint, constants = constraint_of(solution), solution.params.constants
     if solution.params.motor_mount == "frame" and constraint.phase == PENDULUM:
         raise ValueError(
