@@ -154,11 +154,16 @@ def _power(x: Array, u: Array) -> Array:
     return np.maximum(_eq.electrical_power(rate, u, C), 0.0) + PARAMS.idle_power
 
 
+def _speed(x: Array) -> Array:
+    """Forward speed of the hub (m/s), the rate of the model's `hub_position`."""
+    return C.L1 * x[2] * np.sin(x[0])
+
+
 def _flow_rows(basis: Basis, mode: int, x: Array, u: Array) -> Array:
     """Rows (rates of the basis, -W times speed, power), with row . (z, c, 1) >= 0 to hold."""
     rates = (x[2], x[3], *_accelerations(mode, x, u))
     change = sum(g * rate[:, None] for g, rate in zip(basis.gradients(x), rates, strict=True))
-    return np.column_stack([change, -WEIGHT * C.L1 * x[2] * np.sin(x[0]), _power(x, u)])
+    return np.column_stack([change, -WEIGHT * _speed(x), _power(x, u)])
 
 
 def least_margin(basis: Basis, mode: int, x: Array, z: Array, cot: float) -> tuple[Array, Array]:
@@ -173,9 +178,8 @@ def least_margin(basis: Basis, mode: int, x: Array, z: Array, cot: float) -> tup
         return gradient[0] * x[2] + gradient[1] * x[3] + gradient[2] * ddphi + gradient[3] * ddtheta
 
     worst, least = np.zeros(x.shape[1]), np.full(x.shape[1], math.inf)
-    distance = cot * WEIGHT * C.L1 * x[2] * np.sin(x[0])
     for u, admissible in _voltages(mode, x, storage_rate):
-        margin = _power(x, u) + storage_rate(u) - distance
+        margin = _power(x, u) + storage_rate(u) - cot * WEIGHT * _speed(x)
         better = admissible & (margin < least)
         worst, least = np.where(better, u, worst), np.where(better, margin, least)
     return worst, least

@@ -8,17 +8,16 @@ hour of one core; after Ctrl-C or a kill, the same command continues.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.cli.options import Count
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, WheelParams
 from scripts.studies.documents import markdown
 from trajopt import NoGaitError, periodic_gait
@@ -49,17 +48,18 @@ class Task(NamedTuple):
     number: int
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m scripts.studies own_wheel", description=__doc__
-    )
-    parser.add_argument("--machines", type=int, default=10, help="that walk, half of each base")
-    parser.add_argument("--folder", type=Path, default=Path("runs/own_wheel"))
-    parser.add_argument("--workers", type=int, help="machines at a time; all cores by default")
-    options = parser.parse_args(arguments)
-    with Store(options.folder) as store:
-        rows = [row for base in BASES for row in _rows(store, base, options)]
+def own_wheel(
+    *, machines: Count = 10, workers: Count | None = None, out: Path = Path("runs/own_wheel")
+) -> int:
+    """Measure the search for gaits of machines drawn at random, and print the table.
+
+    Args:
+        machines: that walk, half of each base.
+        workers: machines at a time; by default one for every core.
+        out: folder of the results.
+    """
+    with Store(out) as store:
+        rows = [row for base in BASES for row in _rows(store, base, machines // 2, workers)]
     head = ("machine", "legs", "m/s", "CoT", "met by", "best known", "above it", "CPU, s")
     print(markdown.table(head, [_cells(row) for row in rows]))
     walking = [row for row in rows if row["best"]]
@@ -82,13 +82,13 @@ def drawn(task: Task) -> tuple[WheelParams, float]:
     return base.replace(**values), float(SPEED * rng.uniform(1 - SHARE, 1 + SHARE))
 
 
-def _rows(store: Store, base: str, options: argparse.Namespace) -> list[dict[str, Any]]:
+def _rows(store: Store, base: str, walking: int, workers: int | None) -> list[dict[str, Any]]:
     """The first machines for which a search found a gait, and those between them that have none."""
     rows: list[dict[str, Any]] = []
-    while (missing := options.machines // 2 - sum(bool(row["best"]) for row in rows)) > 0:
+    while (missing := walking - sum(bool(row["best"]) for row in rows)) > 0:
         tasks = [Task(base, len(rows) + i) for i in range(missing)]
         new = [task for task in tasks if _key(task) not in store]
-        for task, row in run(measured, new, options.workers, progress=base):
+        for task, row in run(measured, new, workers, progress=base):
             store.save(_key(task), row)
         rows += [store.load(_key(task)) for task in tasks]
     return rows

@@ -1,6 +1,6 @@
 """Lower bounds on the cost of transport of a family of gaits, in closed form.
 
-docs/front.md has the derivation.
+docs/bounds.md has the derivation.
 """
 
 from __future__ import annotations

@@ -322,7 +322,7 @@ def hamiltonian(
 ) -> Array:
     """The Hamiltonian at both ends of every element, shape (M, 2).
 
-    The costates are those at the elements' edges, the prices the multipliers of bounded integrals.
+    The costates are those at the elements' edges, the multipliers those of bounded integrals.
     """
     x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
     rates = np.stack([costates[:-1], costates[1:]], axis=1)
