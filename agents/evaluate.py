@@ -25,7 +25,7 @@ from agents.outcomes import (
     STOPS,
     WALKS,
     TouchdownLog,
-    Window,
+    WindowTotals,
     count_failures,
     outcomes,
     steps_per_period,
@@ -217,7 +217,7 @@ def evaluate(
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)
     walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task, command)
-    window = Window(walks.machines)
+    window = WindowTotals(walks.machines)
     log = TouchdownLog(params, len(starts))
     late_steps, returns = np.zeros(len(starts)), np.zeros(len(starts))
     fallen, penalties = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
@@ -242,7 +242,7 @@ def evaluate(
 def _summary(
     params: WheelParams,
     protocol: Protocol,
-    window: Window,
+    window: WindowTotals,
     objective: float,
     returns: Floats,
     results: tuple[str, ...],

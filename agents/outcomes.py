@@ -46,7 +46,7 @@ _EXTREMES = {
 
 
 def outcomes(
-    fallen: NDArray[np.bool_], stepping: NDArray[np.bool_], window: Window
+    fallen: NDArray[np.bool_], stepping: NDArray[np.bool_], window: WindowTotals
 ) -> tuple[str, ...]:
     """The outcome of each start, one of `OUTCOMES`; `stepping` is at the end, (N,)."""
     results = []
@@ -66,7 +66,7 @@ def count_failures(results: Sequence[str]) -> dict[str, int]:
     return {each: counts[each] for each in OUTCOMES if each != WALKS and each in counts}
 
 
-class Window:
+class WindowTotals:
     """Sums and extremes of each walk over the measured window.
 
     Energies, distance and time count from the first to the last touchdown of a forward step in the

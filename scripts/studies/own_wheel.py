@@ -41,7 +41,7 @@ FULL: dict[str, Any] = {"starts": 120, "seed": 1, "shipped": 9}
 NEAR = 0.03
 
 
-class Task(NamedTuple):
+class Drawn(NamedTuple):
     """A machine drawn at random: around which one, and its number."""
 
     base: str
@@ -68,7 +68,7 @@ def own_wheel(
     return 0
 
 
-def drawn(task: Task) -> tuple[WheelParams, float]:
+def drawn(task: Drawn) -> tuple[WheelParams, float]:
     """A machine at random, and a speed (m/s)."""
     base = BASES[task.base]
     rng = np.random.default_rng([list(BASES).index(task.base), task.number])
@@ -86,7 +86,7 @@ def _rows(store: Store, base: str, walking: int, workers: int | None) -> list[di
     """The first machines for which a search found a gait, and those between them that have none."""
     rows: list[dict[str, Any]] = []
     while (missing := walking - sum(bool(row["best"]) for row in rows)) > 0:
-        tasks = [Task(base, len(rows) + i) for i in range(missing)]
+        tasks = [Drawn(base, len(rows) + i) for i in range(missing)]
         new = [task for task in tasks if _key(task) not in store]
         for task, row in run(measured, new, workers, progress=base):
             store.save(_key(task), row)
@@ -94,11 +94,11 @@ def _rows(store: Store, base: str, walking: int, workers: int | None) -> list[di
     return rows
 
 
-def _key(task: Task) -> str:
+def _key(task: Drawn) -> str:
     return key(f"{task.base}_{task.number}", drawn=drawn(task), full=FULL)
 
 
-def measured(task: Task) -> dict[str, Any]:
+def measured(task: Drawn) -> dict[str, Any]:
     """The search of `periodic_gait` and the full one; None where they found nothing."""
     params, speed = drawn(task)
     begun, gait = time.process_time(), None

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.periodic import BARRIER, DEGREE, ELEMENTS, finished
+from trajopt.gaits.finish import finished
+from trajopt.gaits.periodic import BARRIER, DEGREE, ELEMENTS
 from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.gaits.search import SEARCH_DEGREE, SEARCH_ELEMENTS, random_motion
 from trajopt.gaits.solution import Solution

@@ -1,14 +1,7 @@
-"""Train and evaluate every learner over several seeds: the tables of docs/learning.md.
-
-A task is one seed of one row. Its result is kept as soon as it is known, and trainings save their
-states: after Ctrl-C or a kill, the same command goes on. (A training of plain stable-baselines3
-begins again.) With --rows, only some rows are trained; --docs writes the tables whose rows are all
-finished.
-"""
+"""The study `learning`: the tables of docs/learning.md."""
 
 from __future__ import annotations
 
-import argparse
 import functools
 import math
 import os
@@ -23,6 +16,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
+from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
 from agents.evaluate import PROTOCOL, Protocol, bootstrap_interval, interquartile_mean
 from agents.gaps import best_held, gap_to_gaits, ticks_around
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -71,33 +65,49 @@ class SeedTask(NamedTuple):
         return key(f"{self.row.name}_{self.seed}", row=self.row)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when all is done, 1 if a task failed."""
-    parser = argparse.ArgumentParser(prog="python -m scripts.studies learning", description=__doc__)
-    names = [row.name for row in ROWS]
-    parser.add_argument("--seeds", type=int, default=10, help="of every row: 0, 1, ...")
-    parser.add_argument("--rows", nargs="+", choices=names, default=names, metavar="ROW")
-    parser.add_argument("--workers", type=int, help="processes; default: as many as cores")
-    parser.add_argument("--out", type=Path, default=Path("runs/study"), help="folder")
-    parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
-    parser.add_argument("--headline", type=Path, help="README.md, whose headline has their gaps")
-    options = parser.parse_args(arguments)
-    if options.headline and not options.docs:
-        parser.error("--headline needs --docs")
-    chosen = [row for row in ROWS if row.name in options.rows]
-    with Store(options.out, {"protocol": jsonable(PROTOCOL)}) as store:
-        tasks = [SeedTask(row, seed) for row in chosen for seed in range(options.seeds)]
-        failures = completed(store, tasks, PROTOCOL, options.workers)
-        results = finished(store, ROWS, options.seeds)
-        sections = tables(results, gaps(results, options.out, options.workers))
+def learning(
+    *,
+    rows: Several = (),
+    seeds: Count = 10,
+    workers: MaybeCount = None,
+    out: Path = Path("runs/study"),
+    docs: MaybePath = None,
+    headline: MaybePath = None,
+) -> int:
+    """Train and evaluate every learner over several seeds; the exit status is 1 if a seed failed.
+
+    A task is one seed of one row. Its result is kept as soon as it is known, and trainings save
+    their states: after Ctrl-C or a kill, the same command goes on. (A training of plain
+    stable-baselines3 begins again.)
+
+    Args:
+        rows: to train; all by default.
+        seeds: of every row: 0, 1, ...
+        workers: processes; by default one for every core.
+        out: folder of the study.
+        docs: a page, docs/learning.md, to put the tables into whose rows are all finished.
+        headline: README.md, whose headline has the gaps of that page.
+    """
+    known = {row.name: row for row in ROWS}
+    if headline and not docs:
+        raise ValueError(f"--headline {headline}: needs --docs, the page with the tables")
+    with Store(out, {"protocol": jsonable(PROTOCOL)}) as store:
+        tasks = [
+            SeedTask(known[name], seed)
+            for name in chosen(rows, list(known))
+            for seed in range(seeds)
+        ]
+        failures = completed(store, tasks, PROTOCOL, workers)
+        results = finished(store, ROWS, seeds)
+        sections = tables(results, gaps(results, out, workers))
     print("\n\n".join(sections.values()))
-    if options.docs:
+    if docs:
         whole = {row.table for row in ROWS} - {row.table for row in ROWS if row not in results}
         marks = markdown.marks("study", tuple(sections))
         written = {name: text + "\n" for name, text in sections.items() if name in whole}
-        markdown.refresh(options.docs, marks, written)
-    if options.headline:
-        publish.refresh_headline(options.headline, options.docs)
+        markdown.refresh(docs, marks, written)
+    if headline and docs:
+        publish.refresh_headline(headline, docs)
     for task, failure in failures.items():
         print(f"{task.row.name} {task.seed}: {failure}", file=sys.stderr)
     return 1 if failures else 0

@@ -140,14 +140,14 @@ def test_the_command_writes_tables_whose_rows_are_all_finished(tmp_path, monkeyp
     page.write_text("<!-- study: learned -->\nold\n<!-- end of learned -->\n")
     monkeypatch.setattr(command, "ROWS", (FIRST, SECOND))
     monkeypatch.setattr(command, "gaps", lambda *_: lambda row, policy: None)
-    arguments = ["--out", str(out), "--seeds", "2", "--workers", "1", "--docs", str(page)]
-    assert command.main([*arguments, "--rows", "first"]) == 0
+    study = functools.partial(command.learning, out=out, seeds=2, workers=1, docs=page)
+    assert study(rows=("first",)) == 0
     assert "old" in page.read_text()
-    assert command.main(arguments) == 0
+    assert study() == 0
     assert "| the second, best kept | 2 of 2 |" in page.read_text()
     assert "the second" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        command.main(["--headline", str(page)])
+    with pytest.raises(ValueError, match="needs --docs"):
+        command.learning(headline=page)
 
 
 def test_the_rows_have_names_and_titles_of_their_own_and_a_table():
