@@ -41,6 +41,19 @@ FULL: dict[str, Any] = {"starts": 120, "seed": 1, "shipped": 9}
 NEAR = 0.03
 
 
+#: Columns of the table: heading and format.
+COLUMNS = {
+    "machine": "{machine}",
+    "legs": "{legs}",
+    "m/s": "{speed:.3f}",
+    "CoT": "{cot:.4f}",
+    "met by": "{met}",
+    "best known": "{best:.4f}",
+    "above it": "{above:.1%}",
+    "CPU, s": "{seconds:.0f}",
+}
+
+
 class Drawn(NamedTuple):
     """A machine drawn at random: around which one, and its number."""
 
@@ -60,8 +73,9 @@ def own_wheel(
     """
     with Store(out) as store:
         rows = [row for base in BASES for row in _rows(store, base, machines // 2, workers)]
-    head = ("machine", "legs", "m/s", "CoT", "met by", "best known", "above it", "CPU, s")
-    print(markdown.table(head, [_cells(row) for row in rows]))
+    for row in rows:
+        row["above"] = row["cot"] / row["best"] - 1 if row["cot"] else None
+    print(markdown.formatted(COLUMNS, rows))
     walking = [row for row in rows if row["best"]]
     near = sum((row["cot"] or math.inf) <= (1 + NEAR) * row["best"] for row in walking)
     print(f"within {NEAR:.0%} of the full search: {near} of {len(walking)} machines that walk")
@@ -113,24 +127,7 @@ def measured(task: Drawn) -> dict[str, Any]:
         "legs": params.n_legs,
         "speed": speed,
         "cot": costs[0] if costs else None,
-        "met": gait and gait.provenance["met"],
+        "met": gait.provenance["met"] if gait else None,
         "best": best,
         "seconds": seconds,
     }
-
-
-def _cells(row: dict[str, Any]) -> tuple[object, ...]:
-    cot, best = row["cot"], row["best"]
-    figures = [f"{each:.4f}" if each else "none" for each in (cot, best)]
-    above = f"{cot / best - 1:.1%}" if cot and best else "-"
-    name, legs, speed = row["machine"], row["legs"], f"{row['speed']:.3f}"
-    return (
-        name,
-        legs,
-        speed,
-        figures[0],
-        row["met"] or "-",
-        figures[1],
-        above,
-        round(row["seconds"]),
-    )

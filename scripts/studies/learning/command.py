@@ -18,7 +18,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
 from agents.evaluate import PROTOCOL, Protocol, bootstrap_interval, interquartile_mean
-from agents.gaps import best_held, gap_to_gaits, ticks_around
+from agents.gaps import gap_to_optimum
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish
@@ -26,7 +26,7 @@ from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import count, percent, table
 from scripts.studies.learning.rows import ABLATIONS, FIRST_EVENING, FRONT, LEARNED, ROWS, SECTIONS
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
-from trajopt import Solution, pool
+from trajopt import pool
 from trajopt.store import Store, jsonable, key
 
 #: A row appears in a table once this many seeds have finished.
@@ -99,7 +99,7 @@ def learning(
         ]
         failures = completed(store, tasks, PROTOCOL, workers)
         results = finished(store, ROWS, seeds)
-        sections = tables(results, gaps(results, out, workers))
+        sections = tables(results, functools.partial(gap_in, out / GAITS))
     print("\n\n".join(sections.values()))
     if docs:
         whole = {row.table for row in ROWS} - {row.table for row in ROWS if row not in results}
@@ -174,37 +174,15 @@ def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     return results
 
 
-def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
-    """How far policies are above the environment's own optimum at the speed that they learned.
+def gap_in(folder: Path, row: StudyRow, figures: WalkFigures) -> float | None:
+    """How far a policy is above the environment's own optimum at its speed, minus 1.
 
-    A step of a held gait lasts a whole number of control intervals. At the two such speeds around
-    a policy's, the best gaits of 1 to 3 steps per stride are solved.
-
-    Returns:
-        (row, figures) -> CoT over the optimum, minus 1; None without a walk or a gait, and where
-        actions are held for another time than those of the optima.
+    The optimal gaits are those of `agents.gaps.gap_to_optimum`, kept in the folder. None without a
+    walk or a gait, and where actions are held for another time than the voltage of the optima.
     """
-    needed: dict[int, None] = {}
-    for row, seeds in results.items():
-        if row.trial.period == CONTROL_PERIOD:
-            walking = [each for seed in seeds for each in seed.policies.values()]
-            for each in filter(row.walks, walking):
-                needed |= dict.fromkeys(ticks_around(BUILDABLE, each.speed))
-    solve = functools.partial(_best_held, folder / GAITS)
-    with closing(pool.run(solve, list(needed), workers, progress="optimal gaits")) as solved:
-        gaits = dict(solved)
-
-    def gap(row: StudyRow, figures: WalkFigures) -> float | None:
-        if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
-            return None
-        around = ticks_around(BUILDABLE, figures.speed)
-        return gap_to_gaits(figures.cot, figures.speed, [gaits[n] for n in around])
-
-    return gap
-
-
-def _best_held(folder: Path, ticks: int) -> Solution | None:
-    return best_held(BUILDABLE, ticks, folder)
+    if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
+        return None
+    return gap_to_optimum(BUILDABLE, figures.cot, figures.speed, folder, progress=True)
 
 
 # -- tables ----------------------------------------------------------------------------------------
