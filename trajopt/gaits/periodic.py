@@ -28,7 +28,6 @@ from trajopt.gaits.problem import (
 )
 from trajopt.gaits.search import possible_turns, search_gaits
 from trajopt.gaits.solution import Optimality, Solution
-from trajopt.gaits.stability import step_maps, transition
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
@@ -36,7 +35,9 @@ from trajopt.gaits.verify import (
     simulated_steps,
     simulated_stride,
     step_error,
+    step_maps,
     successors,
+    transition,
     verify,
 )
 from trajopt.ocp.arrays import Array
@@ -50,7 +51,7 @@ from trajopt.ocp.ranking import least_first
 from trajopt.ocp.refinement import MAX_ELEMENTS
 from trajopt.ocp.solve import WARM_BARRIER, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
-from trajopt.provenance import provenance
+from trajopt.store import provenance
 
 #: First mesh of a gait that comes from a random start.
 ELEMENTS, DEGREE = 16, 7

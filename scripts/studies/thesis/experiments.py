@@ -25,8 +25,7 @@ from scripts.studies.thesis.cases import EXPERIMENTS, Key, case_of, needed
 from scripts.studies.thesis.solve import Solved, of_durations, sampled_times, simulated, solved
 from trajopt.ocp.extremal import Extremal, ExtremalFileError
 from trajopt.pool import run
-from trajopt.provenance import provenance
-from trajopt.store import Store, write_text
+from trajopt.store import Store, provenance, write_text
 
 #: The solutions that docs/thesis.md shows, by file name: experiment and variant.
 SHOWN: dict[str, Key] = {

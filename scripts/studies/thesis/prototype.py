@@ -44,8 +44,7 @@ from trajopt.ocp.multi_start import Outcome, Start, multi_start
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import WARM_BARRIER, solve
-from trajopt.provenance import provenance
-from trajopt.store import Store, write_text
+from trajopt.store import Store, provenance, write_text
 
 #: Most rounds of improvement.
 ROUNDS = 2
