@@ -11,7 +11,6 @@ from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
 from trajopt.gaits.problem import stands
 from trajopt.gaits.solution import Optimality, Solution
-from trajopt.gaits.stability import step_maps, transition
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
@@ -19,14 +18,16 @@ from trajopt.gaits.verify import (
     simulated_steps,
     simulated_stride,
     step_error,
+    step_maps,
     successors,
+    transition,
     verify,
 )
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.solve import WARM_BARRIER, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
-from trajopt.provenance import provenance
+from trajopt.store import provenance
 
 #: Tolerance of the mesh on which a gait is solved again if it fails verification: a slow step may
 #: magnify the error that the usual tolerance leaves, so that the simulation strays.

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from agents.cli.options import Count, Positive, Several, chosen
 from scripts.studies.benchmark.page import page, quoted
 from scripts.studies.benchmark.rows import OPTIMISATION, OURS, ROWS, BenchmarkRow
-from trajopt.provenance import provenance
+from trajopt.store import provenance
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[3]
 

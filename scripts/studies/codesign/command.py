@@ -29,8 +29,7 @@ from scripts.studies.codesign.gaits import (
 from scripts.studies.codesign.machine import GPX_22_UP, TOTAL_MASS, Build, chosen, preset_build
 from scripts.studies.documents.markdown import formatted, marks, refresh, table
 from scripts.studies.stages import gaits_of, stage
-from trajopt.provenance import provenance
-from trajopt.store import Store, jsonable, write_text
+from trajopt.store import Store, jsonable, provenance, write_text
 
 LEGS = (5, 6, 7, 8, 9, 10)
 

@@ -20,7 +20,7 @@ from trajopt.gaits.periodic import BARRIER, DEGREE, ELEMENTS
 from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.gaits.search import SEARCH_DEGREE, SEARCH_ELEMENTS, random_motion
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stability import floquet_multipliers
+from trajopt.gaits.verify import floquet_multipliers
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.solve import WARM_BARRIER, minimize, solve
