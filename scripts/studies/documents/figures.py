@@ -7,8 +7,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
-
 from agents.cli.options import Flag
 from rimless_gym.energy import CHANNELS
 from rimless_gym.presets import PRESETS
@@ -24,10 +22,10 @@ def figures(
     out: Path = Path("docs/figures"),
     keep_numbers: Flag = False,
 ) -> int:
-    """Regenerate every figure and every number of docs/physics.md and docs/thesis-errata.md.
+    """Regenerate the picture and every number of docs/physics.md and docs/thesis-errata.md.
 
-    Writes PNG files and numbers.json, and the tables into the two documents if they are beside the
-    folder. A test compares the documents with numbers.json, and numbers.json with the code.
+    Writes the picture and numbers.json, and the tables into the two documents beside the folder, if
+    they are there. A test compares the documents with numbers.json, and that with the code.
 
     Args:
         out: folder to write to.
@@ -36,9 +34,7 @@ def figures(
     path = out / "numbers.json"
     results = json.loads(path.read_text()) if keep_numbers else numbers()
     path.write_text(json.dumps(results, indent=1) + "\n")
-    plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
     drawings.save(drawings.coordinates_figure(), out / "coordinates.png")
-    drawings.save(drawings.convergence_figure(results["convergence"]), out / "convergence.png")
     for name in DOCUMENTS:
         if (page := out.parent / name).exists():
             page.write_text(filled(page.read_text(), results))
@@ -51,7 +47,7 @@ def numbers() -> dict[str, Any]:
     """Every number that the two documents quote."""
     return {
         "accuracy": accuracy.accuracy(count=10, grazes=400),
-        "convergence": errata.convergence(),
+        "order": errata.orders(),
         "printed_impact": errata.printed_impact(),
         "motor_pole": {name: params.motor_pole for name, params in PRESETS.items()},
         "reach_and_hub": {name: errata.reach_and_hub(of) for name, of in PRESETS.items()},
