@@ -35,6 +35,9 @@ SPARE_TIMES = (1e-8, 5e-8, 2e-7, 1e-6)  # past the end of a stride, for its last
 #: A chain of steps that deviates by more (rad, rad/s) is not followed further.
 LOST = 0.01
 
+#: Distance that the feet may slide when the wheel stops on both of them (m).
+MOST_SLIDING = 1e-7
+
 #: Time around a touchdown (s) within which the simulation is expected to land.
 SWITCHED = 1e-5
 
@@ -174,7 +177,8 @@ def verify(
         _surplus(params, phase.duration, run) for phase, run in zip(phases, runs, strict=True)
     )
     least_force = min(run.min_normal_force for run in runs)
-    impulses = [_impulse_demand(phase, run) for phase, run in zip(phases, runs, strict=True)]
+    ended = zip(phases, runs, strict=True)
+    impulses = [_impulse_demand(params, phase, run) for phase, run in ended]
     figures: dict[str, Any] = {
         "state_error": error,
         "energy_audit": abs(surplus),
@@ -205,13 +209,16 @@ def _surplus(params: WheelParams, duration: float, run: Trajectory) -> float:
     return unexplained - _gained_after_last_event(params, duration, run)
 
 
-def _impulse_demand(phase: PhaseTrajectory, run: Trajectory) -> float:
-    """|Px|/Py of the touchdown that ends a phase; 0 where none does, or where the wheel stops.
+def _impulse_demand(params: WheelParams, phase: PhaseTrajectory, run: Trajectory) -> float:
+    """|Px|/Py of the touchdown that ends a phase; 0 where none does, or a stop hardly slides.
 
-    A wheel that stops moves at less than a millimetre a second: the friction of the feet that carry
-    its weight takes up that impulse within nanometres.
+    The impulse of a stop may lie outside the friction cone: the feet then slide until the friction
+    under the weight has taken up the energy that the stop loses, which is nearly none.
     """
-    if stands(phase) or run.final_mode == "double_stance":
+    if stands(phase):
+        return 0.0
+    stops = run.final_mode == "double_stance"
+    if stops and run.ledger.collision <= MOST_SLIDING * params.friction * params.weight:
         return 0.0
     return run.impulse_friction_demand if run.touchdowns else math.inf
 

@@ -29,6 +29,12 @@ def test_a_gait_that_stops_is_verified_again(gait: Solution) -> None:
     assert again.electrical_positive == pytest.approx(gait.verification.electrical_positive)
 
 
+def test_the_friction_cone_binds_the_impulse_of_a_stop_that_slides(gait: Solution) -> None:
+    ice = verify(gait.params.replace(friction=1e-4), gait.phases, gait.theta_turns)
+    walked = gait.verification.max_impulse_friction_demand
+    assert ice.max_impulse_friction_demand > 1.5 * walked
+
+
 def test_the_simulator_passes_through_the_same_modes(gait: Solution) -> None:
     run = simulated_stride(gait.params, gait.phases, [1e-6])
     assert [(event.kind, event.mode) for event in run.events] == [
