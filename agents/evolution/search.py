@@ -41,6 +41,7 @@ from agents.learner import LearnerSettings
 from agents.reward_weight import LEAST_SHARE, NO_WALK, CleanWalking, adapted_weight, economy
 from agents.rollout import draw_starts
 from rimless_gym.checks import extra, integer, positive
+from rimless_gym.envs import EPISODE_STEPS
 from trajopt.feedback.law import Floats
 
 #: Generations between two checks of how the mean policy walks.
@@ -83,7 +84,8 @@ class EvolutionSettings(LearnerSettings):
         refining_intervals: of a walk afterwards. Some policies fall after half a minute, and in
             short walks what is left of the start-up hides the cost of the gait.
         refining_starts: of a policy afterwards, in every other generation.
-        start_up_intervals: of a walk in the generations between: to get going, and little more.
+        start_up_intervals: of a walk in the generations between, all of which is measured: an
+            episode of the environment.
         start_up_starts: of a policy in these.
         checked_starts: from which the mean policy is checked during the race.
         refining_checked_starts: the same afterwards. The best of many checks is retained; from few
@@ -115,8 +117,8 @@ class EvolutionSettings(LearnerSettings):
     starts: int = 24
     refining_intervals: int = 5000
     refining_starts: int = 12
-    start_up_intervals: int = 1000
-    start_up_starts: int = 60
+    start_up_intervals: int = EPISODE_STEPS
+    start_up_starts: int = 30
     checked_starts: int = 64
     refining_checked_starts: int = 256
     least_counted: float = 0.1
@@ -217,11 +219,12 @@ def search(
         best = EvolvingPolicy(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _race(settings, seed, floor)
-    # A long walk shows what the gait costs and whether it lasts. Most falls happen while the
-    # pendulum is pumped up; few starts would hardly show them.
+    # A long walk shows what the gait costs and whether it lasts; an episode, what the start costs.
+    # Most falls happen while the pendulum is pumped up; few starts would hardly show them.
+    episode = settings.start_up_intervals
     refining = (
         Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
-        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
+        Generation(settings.start_up_starts, Duration(episode, episode)),
     )
     yield from best.evolve(None, refining, settings.refining_checked_starts, None)
 
@@ -277,7 +280,10 @@ def _best(answer: Answer, most: int) -> dict[int, Floats]:
 def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[EvolvingPolicy]:
     """Screen and race."""
     screened = yield from screen(settings, seed)
-    schedule = (Generation(settings.starts, Duration.second_half(settings.intervals)),)
+    schedule = (
+        Generation(settings.starts, Duration.second_half(settings.intervals)),
+        Generation(settings.starts, Duration(settings.intervals, settings.intervals)),
+    )
     checked = settings.checked_starts
     ranked: list[EvolvingPolicy] = []
     leader: EvolvingPolicy | None = None
