@@ -25,7 +25,7 @@ from agents.outcomes import (
     STOPS,
     WALKS,
     TouchdownLog,
-    Window,
+    WindowTotals,
     count_failures,
     outcomes,
     steps_per_period,
@@ -217,8 +217,8 @@ def evaluate(
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)
     walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task, command)
-    window = Window(walks.machines)
-    log = TouchdownLog(params, len(starts))
+    window = WindowTotals(walks.machines)
+    log = TouchdownLog(len(starts))
     late_steps, returns = np.zeros(len(starts)), np.zeros(len(starts))
     fallen, penalties = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
     bar = tqdm(walks, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
@@ -230,11 +230,11 @@ def evaluate(
         if index < first:
             continue
         window.add(interval)
-        log.add(interval)
+        log.add(interval, index * period)
         if index >= first_alive:
             late_steps[interval.running] += interval.info["steps"]
     results = outcomes(fallen, late_steps > 0, window)
-    periods = np.array([steps_per_period(points) for points in log.points()])
+    periods = np.array([steps_per_period(times) for times in log.times])
     objective = float(window.rewards(penalties).mean()) / protocol.window
     return _summary(params, protocol, window, objective, returns, results, periods)
 
@@ -242,7 +242,7 @@ def evaluate(
 def _summary(
     params: WheelParams,
     protocol: Protocol,
-    window: Window,
+    window: WindowTotals,
     objective: float,
     returns: Floats,
     results: tuple[str, ...],

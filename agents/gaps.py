@@ -8,7 +8,7 @@ whole number of periods; at the speeds in between, the cost of transport is inte
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from agents.conditions import Conditions
@@ -34,9 +34,9 @@ def gap_to_optimum(
 
     Gaits that are in the folder are loaded.
     """
-    around = ticks_around(params, speed)
-    gaits = [best_held(params, n, folder, progress) for n in around]
-    return gap_to_gaits(cot, speed, gaits)
+    found = [best_held(params, n, folder, progress) for n in ticks_around(params, speed)]
+    gaits = tuple(gait for gait in found if gait is not None)
+    return gap_to_front(cot, speed, CotFront(gaits)) if len(gaits) > 1 else None
 
 
 def gap_to_least(
@@ -45,14 +45,6 @@ def gap_to_least(
     """The gap to the optimum at any speed; otherwise as `gap_to_optimum`."""
     least = best_at_any_speed(params, speed, folder, progress) if speed > 0.0 else None
     return None if least is None else cot / least.cot - 1.0
-
-
-def gap_to_gaits(
-    cot: float | None, speed: float | None, gaits: Iterable[Solution | None]
-) -> float | None:
-    """The gap to the best held gaits around a speed; None without a walk or one of the gaits."""
-    solved = tuple(gait for gait in gaits if gait is not None)
-    return gap_to_front(cot, speed, CotFront(solved)) if len(solved) > 1 else None
 
 
 def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:

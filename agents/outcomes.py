@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 
 from agents.rollout import Interval
 from rimless_gym.energy import CHANNELS, Ledger
-from rimless_gym.envs.layout import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import TERM_NAMES
-from rimless_gym.equations import SINGLE
-from rimless_gym.hybrid import accelerations
-from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
+from rimless_gym.kernel.stepping import FOOT
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import VIOLATIONS, Extremes, violations
 from trajopt.feedback.law import Floats
@@ -29,9 +26,9 @@ OUTCOMES = (WALKS, FALLS, STOPS, *VIOLATIONS)
 #: Longest period that is detected (steps).
 MAX_PERIOD = 6
 
-#: Post-touchdown states (scaled as observations are) this close to each other count as the same.
-#: Touchdowns fall anywhere within a hold of 10 ms, so even a perfect gait scatters.
-TOLERANCE = 0.03
+#: Durations of steps that differ by less (relative) count as the same. Touchdowns fall anywhere
+#: within a hold of 10 ms, so even a perfect gait scatters.
+TOLERANCE = 0.02
 
 #: The entries of `info` that are summed.
 _SUMMED = ("elapsed", "distance", *(channel.name for channel in CHANNELS), *TERM_NAMES)
@@ -46,7 +43,7 @@ _EXTREMES = {
 
 
 def outcomes(
-    fallen: NDArray[np.bool_], stepping: NDArray[np.bool_], window: Window
+    fallen: NDArray[np.bool_], stepping: NDArray[np.bool_], window: WindowTotals
 ) -> tuple[str, ...]:
     """The outcome of each start, one of `OUTCOMES`; `stepping` is at the end, (N,)."""
     results = []
@@ -66,7 +63,7 @@ def count_failures(results: Sequence[str]) -> dict[str, int]:
     return {each: counts[each] for each in OUTCOMES if each != WALKS and each in counts}
 
 
-class Window:
+class WindowTotals:
     """Sums and extremes of each walk over the measured window.
 
     Energies, distance and time count from the first to the last touchdown of a forward step in the
@@ -143,58 +140,29 @@ def _ledger(sums: Floats) -> Ledger:
 
 
 class TouchdownLog:
-    """States just after each touchdown on a new foot, of N walks side by side.
+    """Times of the touchdowns on a new foot (s), of N walks side by side."""
 
-    Args:
-        params: the machine. Where walks have machines of their own or their commands are delayed,
-            the states are approximate: they are computed with this machine and without delay.
-        n: number of walks.
-    """
-
-    def __init__(self, params: WheelParams, n: int) -> None:
-        self._params = params
+    def __init__(self, n: int) -> None:
+        self.times: list[list[float]] = [[] for _ in range(n)]
         self._furthest = np.full(n, -np.inf)
-        self._points: list[list[Floats]] = [[] for _ in range(n)]
 
-    def add(self, interval: Interval) -> None:
-        """Add the touchdowns of a control interval."""
+    def add(self, interval: Interval, begins: float) -> None:
+        """Add the touchdowns of a control interval that begins at a time (s)."""
         foot = interval.after[:, FOOT]
         stepped = (foot > self._furthest[interval.running]) & (interval.info["steps"] > 0)
         for k in np.flatnonzero(stepped):
             i = interval.running[k]
-            volts = interval.actions[k] * self._params.voltage_limit
             self._furthest[i] = foot[k]
-            self._points[i].append(_just_after_touchdown(self._params, interval.after[k], volts))
-
-    def points(self) -> list[Floats]:
-        """For each walk, its scaled post-touchdown states (touchdowns, 4)."""
-        return [np.array(points).reshape(-1, 4) for points in self._points]
+            self.times[i].append(begins + float(interval.info["touchdown_time"][k]))
 
 
-def _just_after_touchdown(params: WheelParams, state: Floats, volts: float) -> Floats:
-    """(sin theta, cos theta, phi', theta'), scaled, at the touchdown up to 10 ms before `state`.
-
-    It follows the motion back at constant acceleration, which is accurate to third order.
-    """
-    p = params.constants
-    phi, theta, dphi, dtheta = (float(state[k]) for k in (PHI, THETA, DPHI, DTHETA))
-    if int(state[MODE]) == SINGLE and dphi > 0:
-        ddphi, ddtheta = accelerations(SINGLE, phi, theta, dphi, dtheta, volts, p)
-        dt = (phi - p.a) / dphi
-        dt = (phi - p.a + 0.5 * ddphi * dt**2) / dphi  # one fixed-point step of the quadratic
-        theta += -dtheta * dt + 0.5 * ddtheta * dt**2
-        dphi, dtheta = dphi - ddphi * dt, dtheta - ddtheta * dt
-    return np.array(
-        [np.sin(theta), np.cos(theta), dphi / LEG_RATE_SCALE, dtheta / PENDULUM_RATE_SCALE]
-    )
-
-
-def steps_per_period(points: Floats) -> int:
-    """Steps after which scaled post-touchdown states (touchdowns, 4) repeat; 0: none up to 6."""
+def steps_per_period(times: Sequence[float]) -> int:
+    """Steps after which the durations of steps repeat, from touchdown times; 0: none up to 6."""
+    durations = np.diff(times)
     for k in range(1, MAX_PERIOD + 1):
-        if len(points) < 3 * k:
+        if len(durations) < 3 * k:
             return 0
-        distance: NDArray[np.float64] = points[k:] - points[:-k]
-        if np.sqrt(np.mean(np.sum(distance**2, axis=1))) < TOLERANCE:
+        change = durations[k:] - durations[:-k]
+        if np.sqrt(np.mean(change**2)) < TOLERANCE * durations.mean():
             return k
     return 0

@@ -34,8 +34,7 @@ from rimless_gym.presets import BUILDABLE, Machine, as_params
 from trajopt.feedback import laws
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
-from trajopt.provenance import provenance
-from trajopt.store import digest, read_arrays, write_arrays
+from trajopt.store import digest, provenance, read_arrays, write_arrays
 
 FORMAT = "rimless-gym policy 2"
 

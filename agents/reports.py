@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import matplotlib
 from matplotlib.figure import Figure
 
-from trajopt.provenance import provenance
+from trajopt.store import provenance
 
 #: Colours of lines and markers, by name.
 COLOURS = {

@@ -1,18 +1,22 @@
 """Finished work in files: a store of results by key, and the file formats that it is made of.
 
 Every file is complete or not there, whatever ends the process. Reading one executes nothing. A
-digest shows whether a file was edited or damaged; it does not show who wrote it.
+digest shows whether a file was edited or damaged; it does not show who wrote it. `provenance` is
+what made a result. A process asks for it once: git takes a tenth of a second to answer.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import glob
 import hashlib
+import importlib.metadata
 import json
 import math
 import os
 import re
+import subprocess
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -21,8 +25,6 @@ from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-
-from trajopt.provenance import provenance
 
 #: Entries of an archive besides its arrays.
 HEADER, DIGEST = "header", "digest"
@@ -274,6 +276,11 @@ def joined(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     return [joined(item, arrays) for item in tree] if isinstance(tree, list) else tree
 
 
+def provenance(**settings: Any) -> dict[str, Any]:
+    """Versions of what computes, the git revision where there is one, and `settings`."""
+    return {"versions": dict(_versions()), "git_revision": _git_revision(), **settings}
+
+
 def _signature(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -309,3 +316,26 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    versions = {}
+    for name in ("rimless-gym", "casadi", "numba", "numpy", "scipy"):
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+@functools.cache
+def _git_revision() -> str | None:
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        run = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return run.stdout.strip() or None

@@ -93,7 +93,7 @@ def evaluate(
     from agents.conditions import Conditions
     from agents.evaluate import evaluate as measured
     from rimless_gym.envs.arguments import as_speeds
-    from trajopt.provenance import provenance
+    from trajopt.store import provenance
 
     if not policies:
         raise ValueError("name a policy or a feedback law; `rimless list` lists them")

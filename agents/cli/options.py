@@ -140,6 +140,9 @@ MaybePositives = Annotated[tuple[float, ...], several("NUMBER ...", positive, "*
 #: Names without an option before them.
 Names = Annotated[Positional[tuple[str, ...]], several("NAME ...", str, "*"), NO_DEFAULT]
 
+#: Names after an option.
+Several = Annotated[tuple[str, ...], several("NAME ...", str, "*"), NO_DEFAULT]
+
 #: Fields of an object; see `fields`.
 Fields = Annotated[dict[str, Any] | None, one("JSON | KEY=VALUE ...", fields), NO_DEFAULT]
 
@@ -152,6 +155,13 @@ def machine(preset: str | None, params: dict[str, Any] | None) -> WheelParams:
     from rimless_gym import presets
 
     return presets.preset(preset or "BUILDABLE").replace(**(params or {}))
+
+
+def chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
+    """The names that are given, all that are known if there are none; refuses unknown ones."""
+    if unknown := [name for name in names if name not in known]:
+        raise ValueError(f"{', '.join(unknown)}: unknown; choose from {', '.join(known)}")
+    return list(names or known)
 
 
 def require_folder(folder: Path) -> None:

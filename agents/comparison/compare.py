@@ -28,8 +28,7 @@ from agents.learner import CLONE, IMITATION
 from agents.policy_files import NamedPolicy, load_policy
 from rimless_gym.rendering.display import save_gif
 from trajopt.pool import run
-from trajopt.provenance import provenance
-from trajopt.store import Store, jsonable, write_text
+from trajopt.store import Store, jsonable, provenance, write_text
 
 #: Of the results in a study's folder.
 FORMAT = 3

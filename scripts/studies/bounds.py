@@ -52,7 +52,7 @@ COLUMNS = {
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
-class Certificate(NamedTuple):
+class StorageBound(NamedTuple):
     """A storage function's bound."""
 
     cot: float  # the bound with the violations added
@@ -79,7 +79,7 @@ def bounds(*, degree: int = 5, rounds: int = 30, docs: Path | None = None) -> in
     return 0
 
 
-def best_certificate(basis: Basis, rounds: int, rng: np.random.Generator) -> Certificate:
+def best_certificate(basis: Basis, rounds: int, rng: np.random.Generator) -> StorageBound:
     """The bound after some rounds of adding samples where the inequality is violated."""
     flow = [_flow_rows(basis, m, x, u) for m, x, u in _first_samples(basis, rng)]
     flow += [_flow_rows(basis, SINGLE, x, u) for x, u in _gaits()]
@@ -102,7 +102,7 @@ def best_certificate(basis: Basis, rounds: int, rng: np.random.Generator) -> Cer
 
 def certified(
     basis: Basis, z: Array, cot: float, worst: dict[int, Array], rng: np.random.Generator
-) -> Certificate:
+) -> StorageBound:
     """The bound that fresh samples leave of a storage function, and a search around the worst."""
     margin, jump = 0.0, 0.0
     for _ in range(LAST):
@@ -113,7 +113,7 @@ def certified(
         gains = [(basis.values(y) - basis.values(x)) @ z for x, y in _jumps(FRESH, rng)]
         jump = float(np.concatenate([[jump], *gains]).min())
     scale = PARAMS.idle_power / (PARAMS.idle_power - margin)
-    return Certificate(scale * (cot + jump / (WEIGHT * C.chord)), cot, -margin, -jump)
+    return StorageBound(scale * (cot + jump / (WEIGHT * C.chord)), cot, -margin, -jump)
 
 
 def _worst(

@@ -23,8 +23,8 @@ from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, PRESETS
 from scripts.studies.documents.markdown import formatted, marks, refresh
 from trajopt import pool
+from trajopt.gaits.finish import finished
 from trajopt.gaits.library import warm_starts
-from trajopt.gaits.periodic import finished
 from trajopt.gaits.problem import CONTROL_DEGREE, MIN_TOUCHDOWN_RATE, gait_problem
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Constraint
@@ -40,7 +40,7 @@ CASES = (
     *(("THESIS_PHYSICAL", speed) for speed in (0.5, 0.55, 0.575)),
 )
 
-#: Landing rates on the way (rad/s), and how many that are harder than the optimum's.
+#: ImposedLanding rates on the way (rad/s), and how many that are harder than the optimum's.
 RATES, HARDER = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005), 4
 
 #: Least phi' after touchdown, as a share of the landing rate. The usual bound, 0.01 rad/s, would
@@ -61,7 +61,7 @@ MARKS = marks("collisionless", ("landings", "at rest"))
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
-class Landing(NamedTuple):
+class ImposedLanding(NamedTuple):
     """A gait of least cost among those that land in a certain way."""
 
     machine: str  # name of the preset
@@ -94,7 +94,7 @@ def collisionless(*, workers: MaybeCount = None, docs: MaybePath = None) -> int:
     return 0
 
 
-def followed(case: tuple[str, float]) -> list[Landing]:
+def followed(case: tuple[str, float]) -> list[ImposedLanding]:
     """The verified gaits of a machine at a speed, from hard landings to soft ones, and at rest."""
     params = PRESETS[case[0]]
     known = warm_starts(params, case[1], 1, 1)[0]
@@ -153,7 +153,9 @@ def without_deceleration(problem: Problem, params: WheelParams) -> Problem:
     return dataclasses.replace(problem, phases=(dataclasses.replace(stance, path=path),))
 
 
-def _measured(case: tuple[str, float], kind: str, extremal: Extremal, turns: int) -> Landing | None:
+def _measured(
+    case: tuple[str, float], kind: str, extremal: Extremal, turns: int
+) -> ImposedLanding | None:
     """The figures of a gait; None if the simulator does not repeat it."""
     params = PRESETS[case[0]]
     gait = finished(params, extremal, turns, False, {"study": "collisionless"})
@@ -163,7 +165,7 @@ def _measured(case: tuple[str, float], kind: str, extremal: Extremal, turns: int
     before, after = step.end, step.start
     volts = float(step.control(step.duration, "left")[0, 0])
     energies = [_eq.mechanical_energy(*state, params.constants) for state in (before, after)]
-    return Landing(
+    return ImposedLanding(
         *case,
         kind,
         rate=float(before[2]),
@@ -204,7 +206,7 @@ REST_COLUMNS = {
 }
 
 
-def _landings_table(landings: Sequence[Landing]) -> str:
+def _landings_table(landings: Sequence[ImposedLanding]) -> str:
     rows = []
     for case in CASES:
         line = [each for each in landings if each[:2] == case and each.kind != AT_REST]
@@ -220,7 +222,7 @@ def _landings_table(landings: Sequence[Landing]) -> str:
     return formatted(COLUMNS, rows) + "\n"
 
 
-def _at_rest_table(landings: Sequence[Landing]) -> str:
+def _at_rest_table(landings: Sequence[ImposedLanding]) -> str:
     """The gaits that land at `SOFT`, with and without deceleration; and what stands still."""
     rows = [each._asdict() for each in landings if each.rate == SOFT]
     theta = np.linspace(-math.pi, math.pi, 721)[:, None]
@@ -243,7 +245,7 @@ def _at_guard(theta: Any, dtheta: Any, volts: Any) -> Array:
     return np.asarray(_eq.single_stance(c.b, theta, 0.0, dtheta, applied, c)[0])
 
 
-def _figure(landings: Sequence[Landing]) -> Figure:
+def _figure(landings: Sequence[ImposedLanding]) -> Figure:
     """CoT over the landing rate; and where the pendulum balances the wheel at its guard."""
     figure = Figure(figsize=(12, 4), layout="constrained")
     *panels, last = figure.subplots(1, 3)

@@ -6,15 +6,15 @@ that should notice it; `--all` runs the whole fast suite on those that survive. 
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from tqdm import tqdm
+from tyro.conf import arg
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -99,13 +99,16 @@ MUTANTS = (
 )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 if a mutant survives."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", help="mutants of files whose path contains this")
-    parser.add_argument("--all", action="store_true", help="the whole fast suite for survivors")
-    options = parser.parse_args(arguments)
-    mutants = [each for each in MUTANTS if not options.only or options.only in each.file]
+def mutants(
+    *, only: str = "", all_: Annotated[bool, arg(name="all", help_behavior_hint="")] = False
+) -> int:
+    """Check that the fast tests notice faults; the exit status is 1 if a mutant survives.
+
+    Args:
+        only: mutants of files whose path contains this.
+        all_: run the whole fast suite on those that survive their own tests.
+    """
+    chosen = [each for each in MUTANTS if only in each.file]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
@@ -113,13 +116,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True
         )
         subprocess.run(["tar", "-x"], cwd=copy, input=archive.stdout, check=True)
-        for mutant in tqdm(mutants, desc="mutants"):
+        for mutant in tqdm(chosen, desc="mutants"):
             if not caught(copy, mutant, mutant.tests) and not (
-                options.all and caught(copy, mutant, ("tests",))
+                all_ and caught(copy, mutant, ("tests",))
             ):
                 survivors.append(mutant)
                 tqdm.write(f"SURVIVES: {mutant.file}: {mutant.old!r} -> {mutant.new!r}")
-    print(f"{len(mutants) - len(survivors)} of {len(mutants)} mutants are caught")
+    print(f"{len(chosen) - len(survivors)} of {len(chosen)} mutants are caught")
     return 1 if survivors else 0
 
 
@@ -141,7 +144,3 @@ def caught(copy: Path, mutant: Mutant, tests: Sequence[str]) -> bool:
         return done.returncode == 1
     finally:
         path.write_text(original)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

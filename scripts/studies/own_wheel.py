@@ -41,7 +41,20 @@ FULL: dict[str, Any] = {"starts": 120, "seed": 1, "shipped": 9}
 NEAR = 0.03
 
 
-class Task(NamedTuple):
+#: Columns of the table: heading and format.
+COLUMNS = {
+    "machine": "{machine}",
+    "legs": "{legs}",
+    "m/s": "{speed:.3f}",
+    "CoT": "{cot:.4f}",
+    "met by": "{met}",
+    "best known": "{best:.4f}",
+    "above it": "{above:.1%}",
+    "CPU, s": "{seconds:.0f}",
+}
+
+
+class Drawn(NamedTuple):
     """A machine drawn at random: around which one, and its number."""
 
     base: str
@@ -60,15 +73,16 @@ def own_wheel(
     """
     with Store(out) as store:
         rows = [row for base in BASES for row in _rows(store, base, machines // 2, workers)]
-    head = ("machine", "legs", "m/s", "CoT", "met by", "best known", "above it", "CPU, s")
-    print(markdown.table(head, [_cells(row) for row in rows]))
+    for row in rows:
+        row["above"] = row["cot"] / row["best"] - 1 if row["cot"] else None
+    print(markdown.formatted(COLUMNS, rows))
     walking = [row for row in rows if row["best"]]
     near = sum((row["cot"] or math.inf) <= (1 + NEAR) * row["best"] for row in walking)
     print(f"within {NEAR:.0%} of the full search: {near} of {len(walking)} machines that walk")
     return 0
 
 
-def drawn(task: Task) -> tuple[WheelParams, float]:
+def drawn(task: Drawn) -> tuple[WheelParams, float]:
     """A machine at random, and a speed (m/s)."""
     base = BASES[task.base]
     rng = np.random.default_rng([list(BASES).index(task.base), task.number])
@@ -86,7 +100,7 @@ def _rows(store: Store, base: str, walking: int, workers: int | None) -> list[di
     """The first machines for which a search found a gait, and those between them that have none."""
     rows: list[dict[str, Any]] = []
     while (missing := walking - sum(bool(row["best"]) for row in rows)) > 0:
-        tasks = [Task(base, len(rows) + i) for i in range(missing)]
+        tasks = [Drawn(base, len(rows) + i) for i in range(missing)]
         new = [task for task in tasks if _key(task) not in store]
         for task, row in run(measured, new, workers, progress=base):
             store.save(_key(task), row)
@@ -94,11 +108,11 @@ def _rows(store: Store, base: str, walking: int, workers: int | None) -> list[di
     return rows
 
 
-def _key(task: Task) -> str:
+def _key(task: Drawn) -> str:
     return key(f"{task.base}_{task.number}", drawn=drawn(task), full=FULL)
 
 
-def measured(task: Task) -> dict[str, Any]:
+def measured(task: Drawn) -> dict[str, Any]:
     """The search of `periodic_gait` and the full one; None where they found nothing."""
     params, speed = drawn(task)
     begun, gait = time.process_time(), None
@@ -113,24 +127,7 @@ def measured(task: Task) -> dict[str, Any]:
         "legs": params.n_legs,
         "speed": speed,
         "cot": costs[0] if costs else None,
-        "met": gait and gait.provenance["met"],
+        "met": gait.provenance["met"] if gait else None,
         "best": best,
         "seconds": seconds,
     }
-
-
-def _cells(row: dict[str, Any]) -> tuple[object, ...]:
-    cot, best = row["cot"], row["best"]
-    figures = [f"{each:.4f}" if each else "none" for each in (cot, best)]
-    above = f"{cot / best - 1:.1%}" if cot and best else "-"
-    name, legs, speed = row["machine"], row["legs"], f"{row['speed']:.3f}"
-    return (
-        name,
-        legs,
-        speed,
-        figures[0],
-        row["met"] or "-",
-        figures[1],
-        above,
-        round(row["seconds"]),
-    )

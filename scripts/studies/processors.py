@@ -7,14 +7,14 @@ choose others. A processor whose instructions this machine does not have is skip
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 
 import numpy as np
 from llvmlite import binding
+
+from agents.cli.options import Names, chosen
 
 LOOPS: list[str] = np._core._multiarray_umath.__cpu_dispatch__  # type: ignore[attr-defined]
 FOUND: dict[str, bool] = np._core._multiarray_umath.__cpu_features__  # type: ignore[attr-defined]
@@ -35,22 +35,21 @@ PROCESSORS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the tests on one processor after the other; 1 if any failed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PROCESSORS)}")
-    parser.add_argument("--pytest", default="", help="arguments of pytest, in one string")
-    options = parser.parse_args(arguments)
-    if unknown := set(options.names) - set(PROCESSORS):
-        parser.error(f"unknown processor {', '.join(unknown)}: choose from {list(PROCESSORS)}")
+def processors(*, names: Names = (), pytest: str = "") -> int:
+    """Run the tests as one processor after the other; the exit status is 1 if any failed.
+
+    Args:
+        names: of processors; all by default.
+        pytest: arguments of pytest, in one string.
+    """
     results, features = {}, binding.get_host_cpu_features()
-    for name in options.names or PROCESSORS:
+    for name in chosen(names, list(PROCESSORS)):
         needs, variables = PROCESSORS[name]
         if missing := [need for need in needs.split() if not features.get(need, False)]:
             results[name] = f"skipped: this machine has no {', '.join(missing)}"
             continue
         print(f"\n=== {name}: {variables}", flush=True)
-        command = [sys.executable, "-m", "pytest", *options.pytest.split()]
+        command = [sys.executable, "-m", "pytest", *pytest.split()]
         done = subprocess.run(command, check=False, env=os.environ | variables)
         results[name] = "FAILED" if done.returncode else "passed"
     print("\n".join(["", *(f"{name:<10} {result}" for name, result in results.items())]))

@@ -6,12 +6,10 @@ docs/comparison.md the whole table. Every policy gets a card.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import shutil
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,21 +72,11 @@ ORIGINS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--study", type=Path, default=Path("runs/compare"), help="of make compare")
-    options = parser.parse_args(arguments)
-    try:
-        publish_study(options.study)
-    except (OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def publish_study(study: Path) -> None:
+def publish(*, study: Path = Path("runs/compare")) -> int:
     """Publish a finished comparison.
+
+    Args:
+        study: folder of `make compare`.
 
     Raises:
         ValueError: the comparison is not finished, or a page lacks its marks or a line over seeds.
@@ -116,6 +104,7 @@ def publish_study(study: Path) -> None:
     }
     for name, page in PAGES.items():
         markdown.refresh(ROOT / page, MARKS, {name: sections[name]})
+    return 0
 
 
 def _card_of(study: Path, results: Mapping[str, Any], name: str) -> str:

@@ -36,8 +36,7 @@ from trajopt.feedback import laws
 from trajopt.gaits.fronts import cot_front, shipped_front
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
-from trajopt.provenance import provenance
-from trajopt.store import Store
+from trajopt.store import Store, provenance
 
 #: Episodes of each policy; episode i is that of `reset(seed=i)`.
 EPISODES = 100

@@ -1,25 +1,21 @@
-"""Textbook problems with known answers, which a solver has to find before it is believed.
-
-The command solves them and prints a table: known answer, found, mesh, error.
-"""
+"""Textbook problems with known answers, which a solver has to find before it is believed."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Literal
 
 import casadi as ca
 from scipy.optimize import brentq
 from tqdm import tqdm
 
+from agents.cli.options import Count, Names, Positive, chosen
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
 from scripts.studies.documents.markdown import table
 from trajopt import Extremal, Linkage, Mesh, Phase, Problem, equal, solve
-from trajopt.ocp.schemes import SCHEMES
 
 #: In m/s^2.
 GRAVITY = 9.81
@@ -331,26 +327,30 @@ def row(example: Example, found: Extremal) -> tuple[str, ...]:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 if all converged, 1 if not."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    names = [example.problem.__name__ for example in PROBLEMS]
-    parser.add_argument("problems", nargs="*", help=f"of {', '.join(names)}; all by default")
-    parser.add_argument("--scheme", choices=SCHEMES, default="radau", help="transcription")
-    parser.add_argument("--elements", type=int, default=10, help="per phase, to begin with")
-    parser.add_argument("--degree", type=int, default=4, help="of radau, to begin with")
-    parser.add_argument("--tolerance", type=float, default=1e-7, help="of the mesh")
-    options = parser.parse_args(arguments)
-    unknown = set(options.problems) - set(names)
-    if unknown:
-        parser.error(f"unknown problems: {', '.join(sorted(unknown))}")
-    chosen = [e for e in PROBLEMS if not options.problems or e.problem.__name__ in options.problems]
+def textbook(
+    *,
+    problems: Names = (),
+    scheme: Literal["radau", "hermite-simpson", "trapezoid"] = "radau",
+    elements: Count = 10,
+    degree: Count = 4,
+    tolerance: Positive = 1e-7,
+) -> int:
+    """Solve textbook problems and print a table; the exit status is 1 if one does not converge.
+
+    Args:
+        problems: some of them, by the names of their functions; all by default.
+        scheme: transcription.
+        elements: per phase, to begin with.
+        degree: of radau, to begin with.
+        tolerance: of the mesh.
+    """
+    known = {example.problem.__name__: example for example in PROBLEMS}
     rows, converged = [], True
-    for example in tqdm(chosen, desc="problems"):
-        problem = example.problem()
-        mesh = Mesh.uniform(problem, options.elements, options.degree, options.scheme)
-        found = solve(problem, mesh=mesh, tolerance=options.tolerance)
-        rows.append(row(example, found))
+    for name in tqdm(chosen(problems, list(known)), desc="problems"):
+        problem = known[name].problem()
+        mesh = Mesh.uniform(problem, elements, degree, scheme)
+        found = solve(problem, mesh=mesh, tolerance=tolerance)
+        rows.append(row(known[name], found))
         converged = converged and found.converged
     print(table(HEAD, rows))
     return 0 if converged else 1

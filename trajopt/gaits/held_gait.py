@@ -34,7 +34,7 @@ from trajopt.gaits.verify import (
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.schemes import radau_nodes
 from trajopt.ocp.trajectory import PhaseTrajectory
-from trajopt.provenance import provenance
+from trajopt.store import provenance
 
 #: Phases of the clock to start from, one after the other until there is an optimum: how much
 #: of its interval lies before the first touchdown. All give about the same one, in which the

@@ -151,14 +151,6 @@ def same_gait(one: Outcome, other: Outcome) -> bool:
     )
 
 
-def random_guess(
-    params: WheelParams, steps: int, duration: float, rng: np.random.Generator
-) -> tuple[Guess, int]:
-    """A random motion, and its number of turns of theta per stride; see `random_motion`."""
-    turns = int(rng.integers(0, 2) * rng.integers(-2 * steps, 2 * steps, endpoint=True))
-    return random_motion(params, steps, duration, turns, rng), turns
-
-
 def random_motion(
     params: WheelParams, steps: int, duration: float, turns: int, rng: np.random.Generator
 ) -> Guess:

@@ -15,8 +15,7 @@ from rimless_gym.checks import real_array
 from rimless_gym.params import WheelParams
 from trajopt.gaits.bounds import cot_bound
 from trajopt.gaits.problem import stands
-from trajopt.gaits.stability import floquet_multipliers
-from trajopt.gaits.verify import Verification
+from trajopt.gaits.verify import Verification, floquet_multipliers
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.trajectory import (
@@ -25,8 +24,7 @@ from trajopt.ocp.trajectory import (
     phases_to_arrays,
     require_side,
 )
-from trajopt.provenance import provenance
-from trajopt.store import jsonable, read_arrays, write_arrays
+from trajopt.store import jsonable, provenance, read_arrays, write_arrays
 
 #: The format of a gait's file, and what to do about a file that is not of it.
 FORMAT, REMEDY = "rimless-gym gait 3", "copy it again, or solve it again with `rimless gait`"
@@ -251,7 +249,7 @@ class Solution:
         """Multipliers of a stride in open loop, largest first, complex, shape (4,).
 
         Open loop: each step's voltage is played back in time, switched by the touchdowns. By the
-        variational equation with saltation (`trajopt.gaits.stability.monodromy`).
+        variational equation with saltation (`trajopt.gaits.verify.monodromy`).
         """
         return floquet_multipliers(self.params, self.phases)
 

@@ -21,8 +21,7 @@ from trajopt.ocp.problem import Problem
 from trajopt.ocp.resimulation import Resimulation
 from trajopt.ocp.trajectory import SAME_TIME, PhaseTrajectory, require_side
 from trajopt.ocp.transcription import DIVERGING
-from trajopt.provenance import provenance
-from trajopt.store import joined, read_arrays, split, write_arrays
+from trajopt.store import joined, provenance, read_arrays, split, write_arrays
 
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0

@@ -1,4 +1,4 @@
-"""Speed and accuracy of this package: `python -m scripts.studies.benchmark.ours SETTINGS`.
+"""Speed of this package: `python -m scripts.studies.benchmark.ours SETTINGS`.
 
 The environments replay recorded walks: states on an optimal gait, and the actions with which an LQR
 holds it. That times the simulator without the LQR, on the motion that matters. Without feedback a
@@ -180,58 +180,6 @@ def fresh(seconds: float, folder: str, program: str, cold: bool = False) -> dict
     return {"steps": 1, "seconds": float(run.stdout)}
 
 
-def accuracy(seconds: float, folder: str) -> dict[str, Any]:
-    """How far the stepping kernel is from the reference simulator over pieces of 2 s."""
-    errors: list[Any] = []
-    walks = load_walks(Path(folder))
-    begin = time.perf_counter()
-    while time.perf_counter() - begin < seconds or not errors:
-        i = 37 * len(errors) % len(walks.starts)
-        errors.append(compare(walks.starts[i], walks.actions[:, i]))
-    largest = {name: max(error[name] for error in errors) for name in errors[0]}
-    return {"steps": len(errors), "seconds": time.perf_counter() - begin, **largest}
-
-
-def compare(start: Floats, actions: NDArray[np.float32]) -> dict[str, float]:
-    """Largest errors of one walk of 2 s.
-
-    Returns:
-        `state_error`: of the states (rad, rad/s) at the ends of the control intervals, where kernel
-        and reference have the same start and walk on their own. `event_error`: of the times of
-        touchdowns (s), where the kernel starts from the reference's state at the beginning of the
-        touchdown's control interval.
-    """
-    from rimless_gym import preset, simulate
-    from rimless_gym.energy import ROW
-    from rimless_gym.equations import SINGLE
-    from rimless_gym.hybrid import CONTROL_PERIOD
-    from rimless_gym.kernel.stepping import advance, hybrid_states
-
-    params = preset(PRESET)
-
-    volts = params.voltage_limit * actions.astype(np.float64)
-    reference = simulate(params, start, volts, CONTROL_PERIOD * len(volts))
-    state = hybrid_states(start[None], SINGLE)
-    located: list[float] = []
-    error = 0.0
-    for i, u in enumerate(volts):
-        begin = CONTROL_PERIOD * i
-        theirs = np.array([[*reference.state(begin), *state[0, 4:]]])
-        row = advance(params, theirs, np.array([u]))[0]
-        if row[ROW.touchdowns]:
-            located.append(begin + row[ROW.touchdown_time])
-        advance(params, state, np.array([u]))
-        after = reference.state(begin + CONTROL_PERIOD)
-        error = max(error, float(np.abs(state[0, :4] - after).max()))
-    times = [event.time for event in reference.touchdowns]
-    if len(times) != len(located):
-        raise RuntimeError(f"{len(located)} touchdowns, {len(times)} by the reference")
-    return {
-        "state_error": error,
-        "event_error": float(np.abs(np.subtract(located, times)).max(initial=0.0)),
-    }
-
-
 def load_walks(folder: Path) -> Walks:
     """The recorded walks, which are recorded if the folder has none."""
     path = folder / f"walks_{WALKS}.npz"
@@ -264,7 +212,6 @@ MEASURES = {
     "vector": vector,
     "optimisation": optimisation,
     "fresh": fresh,
-    "accuracy": accuracy,
 }
 
 if __name__ == "__main__":

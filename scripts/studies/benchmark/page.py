@@ -37,19 +37,6 @@ PROCESS_TEXT = """\
 The very first time is that of compiling the simulator, about 200 functions. More than half of it is
 numba's own work in Python; `rimless warmup` does all of it beforehand."""
 
-#: A goal: what is compared, the bound, the figure's row, and either the rows of the peers over
-#: whose fastest the ratio is taken, or the figure itself. Ratios should be at least the bound.
-GOALS: tuple[tuple[str, float, str, tuple[str, ...] | str], ...] = (
-    ("`gym.make`, over CartPole-v1", 2.0, "ours", ("CartPole-v1",)),
-    ("`gym.make`, over Acrobot-v1", 10.0, "ours", ("Acrobot-v1",)),
-    ("`gym.make`, over InvertedDoublePendulum-v5", 20.0, "ours", ("InvertedDoublePendulum-v5",)),
-    ("1024 environments, over EnvPool Acrobot", 5.0, "ours-vector-1024", ("envpool-acrobot",)),
-    ("import to first step, compiled before (s)", 3.0, "single", "seconds"),
-    ("the very first time (s)", 16.0, "single-cold", "seconds"),
-    ("a gait of two steps, verified (s)", 5.0, "gait", "seconds"),
-    ("error of a touchdown's time (s)", 1e-12, "accuracy", "event_error"),
-)
-
 #: Our rows in the README, and the peers that each is compared with.
 QUOTED = {
     "ours": ("CartPole-v1", "Acrobot-v1", "InvertedDoublePendulum-v5"),
@@ -71,8 +58,6 @@ def page(run: dict[str, Any]) -> str:
     versions = {answer[name] for answer in answers for name in answer if name.endswith("version")}
     parts = [
         INTRODUCTION.format(**run),
-        "## Goals",
-        goals_table(found),
         "## One environment, as `gym.make` gives it, on one core",
         speed_table(of(SINGLE), found),
         "## Many environments",
@@ -81,7 +66,6 @@ def page(run: dict[str, Any]) -> str:
         optimisation_table(of(OPTIMISATION), found),
         PROCESS_TEXT,
         lines_table(of(PROCESS), found, ("median (spread)",), process_line),
-        accuracy_text(answers_of(found, "accuracy")),
         f"""## Computer and versions
 
 {computer["cpu"]}, {computer["cores"]} cores, {computer["system"]}; load before \
@@ -91,31 +75,6 @@ def page(run: dict[str, Any]) -> str:
 Python {computer["python"]}.""",
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def goals_table(found: dict[str, Any]) -> str:
-    """Every goal, and what was measured."""
-    lines = []
-    for title, bound, key, what in GOALS:
-        figure = goal_figure(found, key, what)
-        at_most = isinstance(what, str)
-        wanted = f"{'at most' if at_most else 'at least'} {bound:.3g}"
-        if figure is None:
-            lines.append((title, wanted, "-", "not measured"))
-        else:
-            reached = figure <= bound if at_most else figure >= bound
-            lines.append((title, wanted, f"{figure:.3g}", "reached" if reached else "**missed**"))
-    return table(("goal", "wanted", "measured", ""), lines)
-
-
-def goal_figure(found: dict[str, Any], key: str, what: tuple[str, ...] | str) -> float | None:
-    """The figure of a goal; None if it was not measured."""
-    if not answers_of(found, key):
-        return None
-    if isinstance(what, str):
-        return median(answer[what] for answer in answers_of(found, key))
-    ratios = [r for peer in what if (r := ratio(found, key, peer)) is not None]
-    return min(ratios, default=None)
 
 
 def speed_table(rows: Sequence[BenchmarkRow], found: dict[str, Any]) -> str:
@@ -165,19 +124,6 @@ def process_line(answers: list[dict[str, Any]], row: BenchmarkRow) -> tuple[str,
     """Seconds that a process took."""
     seconds = [answer["seconds"] for answer in answers]
     return (f"{median(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})",)
-
-
-def accuracy_text(answers: list[dict[str, Any]]) -> str:
-    """The errors of what was timed."""
-    heading = "## Accuracy of what was timed\n\n"
-    if not answers:
-        return f"{heading}Not measured."
-    state, event = (
-        max(answer[name] for answer in answers) for name in ("state_error", "event_error")
-    )
-    return f"""{heading}Against the reference simulator over pieces of 2 s of the walk: states
-within {state:.0e} (rad, rad/s); touchdowns within {event:.0e} s when located from the reference's
-state at the start of their control interval."""
 
 
 def quoted(readme: str, run: dict[str, Any]) -> str:

@@ -1,14 +1,7 @@
-"""Measure the speed of this package and of its peers in one run, in turn, and write the page.
-
-Peers are other people's packages. Each runs in a virtual environment of its own, which is made the
-first time; that takes a minute or two. If one cannot be installed, its row shows why. Every
-measurement is a process of its own. Ctrl-C keeps what was measured. Nothing else should run on the
-computer meanwhile.
-"""
+"""The study `benchmark`: docs/benchmark.md, and the figures of the README."""
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -24,9 +17,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from agents.cli.options import Count, Positive, Several, chosen
 from scripts.studies.benchmark.page import page, quoted
 from scripts.studies.benchmark.rows import OPTIMISATION, OURS, ROWS, BenchmarkRow
-from trajopt.provenance import provenance
+from trajopt.store import provenance
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[3]
 
@@ -37,25 +31,27 @@ CACHE = ROOT / "runs" / "bench"
 PATIENCE = 600.0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=5, help="rounds over all rows (default: 5)")
-    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
-    keys = [row.key for row in ROWS]
-    parser.add_argument("--only", nargs="+", metavar="ROW", choices=keys, help=", ".join(keys))
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=CACHE,
-        help="folder for benchmark.json and benchmark.md; a README beside it quotes the figures",
-    )
-    options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
+def benchmark(
+    *, rounds: Count = 5, seconds: Positive = 1.0, only: Several = (), out: Path = CACHE
+) -> int:
+    """Measure the speed of this package and of its peers in one run, in turn, and write the page.
+
+    Peers are other people's packages. Each runs in a virtual environment of its own, which is made
+    the first time; that takes a minute or two. If one cannot be installed, its row shows why. Every
+    measurement is a process of its own. Ctrl-C keeps what was measured. Nothing else should run on
+    the computer meanwhile.
+
+    Args:
+        rounds: over all rows.
+        seconds: of each measurement.
+        only: some rows; all by default.
+        out: folder for benchmark.json and benchmark.md; a README beside it quotes the figures.
+    """
+    out.mkdir(parents=True, exist_ok=True)
     CACHE.mkdir(parents=True, exist_ok=True)
-    rows = [row for row in ROWS if options.only is None or row.key in options.only]
-    results = measure_all(rows, options.rounds, options.seconds)
-    write(options.out, {**about(options.rounds, options.seconds), "results": results})
+    keys = chosen(only, [row.key for row in ROWS])
+    results = measure_all([row for row in ROWS if row.key in keys], rounds, seconds)
+    write(out, {**about(rounds, seconds), "results": results})
     return 0
 
 

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 
 from agents.cli.options import Count, MaybePath
 from rimless_gym.presets import BUILDABLE
-from scripts.studies import designed_gaits
 from scripts.studies.codesign.gaits import (
     best_gait,
     better_gait,
@@ -28,10 +27,9 @@ from scripts.studies.codesign.gaits import (
     start_up_and_walk,
 )
 from scripts.studies.codesign.machine import GPX_22_UP, TOTAL_MASS, Build, chosen, preset_build
-from scripts.studies.designed_gaits import gaits_of
 from scripts.studies.documents.markdown import formatted, marks, refresh, table
-from trajopt.provenance import provenance
-from trajopt.store import Store, jsonable, write_text
+from scripts.studies.stages import gaits_of, stage
+from trajopt.store import Store, jsonable, provenance, write_text
 
 LEGS = (5, 6, 7, 8, 9, 10)
 
@@ -52,7 +50,7 @@ HIGHEST = 0.15
 
 MARKS = marks("codesign", ("budget", "finals", "preset"))
 
-#: (name, tasks, work) -> results, see `designed_gaits.stage`.
+#: (name, tasks, work) -> results, see `stages.stage`.
 Stage: TypeAlias = Callable[..., dict[str, Any]]
 
 #: Tables' columns: heading and format.
@@ -90,12 +88,12 @@ def codesign(
         docs: a page, docs/machine.md, to put the tables and the figure into.
     """
     with Store(out, provenance()) as store:
-        stage = partial(designed_gaits.stage, store, workers=workers)
-        landscape = landscape_of(stage)
+        run = partial(stage, store, workers=workers)
+        landscape = landscape_of(run)
         results = {
             "landscape": {key: figures(gait) for key, gait in gaits_of(landscape).items()},
-            "finals": finals(stage, landscape),
-            "preset": of_preset(stage, landscape),
+            "finals": finals(run, landscape),
+            "preset": of_preset(run, landscape),
         }
     write_text(out / "results.json", json.dumps(jsonable(results), indent=1) + "\n")
     draw(results["landscape"], docs.parent if docs else out)

@@ -15,17 +15,17 @@ from agents.evaluate import Protocol, evaluate
 from agents.rollout import controller_policy
 from rimless_gym.hybrid import CONTROL_PERIOD, motor_torque, relative_rate
 from rimless_gym.params import WheelParams
-from scripts.studies import designed_gaits
 from scripts.studies.codesign.machine import GPX_22_UP, Build, chosen
-from scripts.studies.designed_gaits import REFINED, WORTH_IT, regenerating, search_mesh, with_turns
 from trajopt.feedback import laws
-from trajopt.gaits.periodic import NoGaitError, finished, periodic_gait
-from trajopt.gaits.problem import designed_gait
-from trajopt.gaits.search import random_guess
+from trajopt.gaits.finish import finished
+from trajopt.gaits.periodic import NoGaitError, periodic_gait
+from trajopt.gaits.problem import CONTROL_DEGREE, WheelPhases
+from trajopt.gaits.search import random_motion
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.constraints import Constraint
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.guesses import Guess
+from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import solve
@@ -52,16 +52,30 @@ def bounds(build: Build) -> dict[str, tuple[float, float]]:
 
 @lru_cache(maxsize=4)
 def step_problem(build: Build) -> Problem:
-    """The problem of one periodic step at any speed, and of the build's bob and arm."""
+    """The problem of one periodic step of least E+ per weight and distance, at any speed.
+
+    Its static parameters are the build's bob and arm.
+    """
     machine = build.machine(1.0, SHORTEST_ARM).replace(friction=FRICTION_DEMAND)
-    slow, fast = SPEEDS
-    ring = designed_gait(
-        *(machine, build.design, bounds(build)),
-        steps=1,
-        duration=(machine.step_length / fast, machine.step_length / slow),
-        theta_turns=TURNS,
+    wheel, distance = WheelPhases(machine, build.design), machine.step_length
+    power, weight = wheel.function("electrical_power"), wheel.function("weight")
+
+    def per_weight_and_distance(x: Any, u: Any, p: Any) -> Any:
+        return power(x, u, p) / (weight(x, p) * distance)
+
+    def idle(x: Any, u: Any, p: Any) -> Any:
+        return machine.idle_power / (weight(x, p) * distance)
+
+    stance = dataclasses.replace(
+        wheel.single_stance(), powers=per_weight_and_distance, floor=0.0, cost=idle
     )
-    return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build),))
+    slow, fast = SPEEDS
+    return Problem(
+        (_with_margins(stance, build),),
+        (wheel.touchdown(0, 0, TURNS),),
+        parameters=bounds(build),
+        duration=(distance / fast, distance / slow),
+    )
 
 
 def _with_margins(stance: Phase, build: Build) -> Phase:
@@ -107,8 +121,16 @@ WARM_BARRIER = 1e-5
 #: Settings of a search's solves: one attempt each, on the search's mesh.
 _QUICK: dict[str, Any] = {"passes": 0, "verify": False, "option_sets": ({},), "max_iter": 200}
 
-#: Refinements of a gait's mesh at most.
-PASSES = 5
+#: Meshes (elements, degree): of the search, and the first one of the refined gait.
+SEARCH_MESH, FIRST_MESH = (20, 5), (24, 7)
+
+#: Refinements of a gait's mesh at most, and its tolerances. A whirling pendulum makes the errors of
+#: a step large.
+PASSES, MESH_ERROR, HAMILTONIAN = 5, 1e-9, 1e-1
+
+#: Optima that are refined until one is verified, and by how much (relative) a gait must cost less
+#: than the one that it replaces.
+REFINED, WORTH_IT = 2, 1e-3
 
 #: How many of the known gaits, those of the nearest speeds, are continued to a speed.
 CONTINUED = 3
@@ -117,7 +139,10 @@ CONTINUED = 3
 def best_gait(build: Build, known: Sequence[Solution] = (), starts: int = STARTS) -> Solution | str:
     """The verified gait of least cost from others' gaits and random starts, or why none is."""
     problem = step_problem(build)
-    mesh = search_mesh(problem)
+    mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
+    # E in place of E+ makes the landscape smoother
+    smooth_stance = dataclasses.replace(problem.phases[0], floor=-math.inf)
+    regenerating = dataclasses.replace(problem, phases=(smooth_stance,))
     low, high = np.array(list(bounds(build).values())).T
     extremals = []
     for gait in known:
@@ -128,7 +153,7 @@ def best_gait(build: Build, known: Sequence[Solution] = (), starts: int = STARTS
     rng = np.random.default_rng(0)
     for _ in range(starts):
         step, middle = random_step(build, rng), (low + high) / 2
-        smooth = solve(regenerating(problem), step, mesh, parameters=middle, **_QUICK)
+        smooth = solve(regenerating, step, mesh, parameters=middle, **_QUICK)
         if smooth.succeeded:
             extremals.append(
                 solve(problem, smooth.phases, mesh, parameters=smooth.parameters, **_QUICK)
@@ -154,12 +179,20 @@ def better_gait(build: Build, best: Solution | str, known: Sequence[Solution]) -
 
 def refined(build: Build, near: Extremal) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
-    extremal = designed_gaits.refined(
-        step_problem(build), near, passes=PASSES, mu_init=WARM_BARRIER
+    problem = step_problem(build)
+    extremal = solve(
+        problem,
+        near.phases,
+        Mesh.uniform(problem, *FIRST_MESH, control_degree=CONTROL_DEGREE),
+        parameters=near.parameters,
+        passes=PASSES,
+        mu_init=WARM_BARRIER,
+        tolerance=MESH_ERROR,
+        hamiltonian_tolerance=HAMILTONIAN,
+        verify=False,
     )
     bob, arm = (float(value) for value in extremal.parameters)
-    machine = build.machine(bob, arm)
-    return finished(machine, extremal, TURNS, False, {"study": "codesign"})
+    return finished(build.machine(bob, arm), extremal, TURNS, False, {"study": "codesign"})
 
 
 def random_step(build: Build, rng: np.random.Generator) -> Guess:
@@ -167,8 +200,7 @@ def random_step(build: Build, rng: np.random.Generator) -> Guess:
     params = build.machine(1.0, 0.1)
     slow, fast = SPEEDS
     speed = math.exp(rng.uniform(math.log(1.3 * slow), math.log(fast / 1.2)))
-    guess, _ = random_guess(params, 1, params.step_length / speed, rng)
-    return with_turns(guess, TURNS)
+    return random_motion(params, 1, params.step_length / speed, TURNS, rng)
 
 
 def gait_at(params: WheelParams, speed: float, known: Sequence[Solution]) -> Solution | str:

@@ -1,4 +1,4 @@
-"""The figures of docs/physics.md."""
+"""The picture of docs/physics.md."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import cmath
 import io
 import math
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -81,19 +80,6 @@ def coordinates_figure() -> Figure:
     level, edge = downward * 1j, 0.08 - 0.033j
     axes.plot(*zip(pixel(edge), pixel(edge + 0.33 * level), strict=True), color="white", lw=1.2)
     label(r"$\gamma$", edge + 0.36 * cmath.exp(0.5j * params.slope))
-    return figure
-
-
-def convergence_figure(table: dict[str, dict[str, Any]]) -> Figure:
-    """The integrator's error over its step, with a line of order 8."""
-    figure, axes = plt.subplots(figsize=(6.4, 4.2), dpi=110, layout="constrained")
-    for (name, result), colour in zip(table.items(), (INK, TEAL, ORANGE), strict=True):
-        axes.loglog(result["h"], result["error"], "o-", color=colour, ms=4, label=name)
-    h = np.array([0.0125, 0.2])
-    axes.loglog(h, 1e-5 * (h / 0.2) ** 8 * 200, "--", color=GREY, lw=1, label="order 8")
-    axes.set(xlabel="step (s)", ylabel="error after 0.2 s (PROTOTYPE: 10 ms)", ylim=(1e-15, 1e-2))
-    axes.grid(alpha=0.25)
-    axes.legend(frameon=False)
     return figure
 
 

@@ -1,22 +1,13 @@
-"""Regenerate every figure and every number of docs/physics.md and docs/thesis-errata.md.
-
-Writes PNG files and numbers.json into a folder, and the tables into the two documents if they are
-beside that folder. A test compares the documents with numbers.json, and numbers.json with what the
-code gives.
-"""
+"""The study `figures`: the figures and numbers of docs/physics.md and docs/thesis-errata.md."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
-from matplotlib.figure import Figure
-
+from agents.cli.options import Flag
 from rimless_gym.energy import CHANNELS
 from rimless_gym.presets import PRESETS
 from scripts.studies.documents import accuracy, drawings, errata
@@ -25,24 +16,27 @@ from scripts.studies.documents.markdown import table
 
 DOCUMENTS = ("physics.md", "thesis-errata.md")
 
-FIGURES = ("coordinates.png", "convergence.png")
 
+def figures(
+    *,
+    out: Path = Path("docs/figures"),
+    keep_numbers: Flag = False,
+) -> int:
+    """Regenerate the picture and every number of docs/physics.md and docs/thesis-errata.md.
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder to write to")
-    parser.add_argument(
-        "--keep-numbers", action="store_true", help="draw from the numbers.json that is there"
-    )
-    options = parser.parse_args(arguments)
-    path = options.out / "numbers.json"
-    results = json.loads(path.read_text()) if options.keep_numbers else numbers()
+    Writes the picture and numbers.json, and the tables into the two documents beside the folder, if
+    they are there. A test compares the documents with numbers.json, and that with the code.
+
+    Args:
+        out: folder to write to.
+        keep_numbers: draw from the numbers.json that is there.
+    """
+    path = out / "numbers.json"
+    results = json.loads(path.read_text()) if keep_numbers else numbers()
     path.write_text(json.dumps(results, indent=1) + "\n")
-    for name, figure in figures(results).items():
-        drawings.save(figure, options.out / name)
+    drawings.save(drawings.coordinates_figure(), out / "coordinates.png")
     for name in DOCUMENTS:
-        if (page := options.out.parent / name).exists():
+        if (page := out.parent / name).exists():
             page.write_text(filled(page.read_text(), results))
     for name, text in tables(results).items():
         print(f"\n{name}\n\n{text}")
@@ -53,19 +47,12 @@ def numbers() -> dict[str, Any]:
     """Every number that the two documents quote."""
     return {
         "accuracy": accuracy.accuracy(count=10, grazes=400),
-        "convergence": errata.convergence(),
+        "order": errata.orders(),
         "printed_impact": errata.printed_impact(),
         "motor_pole": {name: params.motor_pole for name, params in PRESETS.items()},
         "reach_and_hub": {name: errata.reach_and_hub(of) for name, of in PRESETS.items()},
         "kappa": {name: errata.kappa_range(of) for name, of in PRESETS.items()},
     }
-
-
-def figures(results: dict[str, Any]) -> dict[str, Figure]:
-    """Every figure by the name of its file, drawn from the results of `numbers`."""
-    plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
-    drawn = (drawings.coordinates_figure(), drawings.convergence_figure(results["convergence"]))
-    return dict(zip(FIGURES, drawn, strict=True))
 
 
 Results = dict[str, Any]

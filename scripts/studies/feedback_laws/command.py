@@ -1,22 +1,19 @@
-"""Measure every feedback law about several held gaits, all from the same starts.
-
-Cost over the optimum, pushes, random states, noise, delay, changed machines, decision time and
-multipliers. Every figure is stored as soon as it is known: after Ctrl-C or a kill, the same command
-continues from there. With two workers and six laws it takes about 40 minutes.
-"""
+"""The study `feedback`: the tables of docs/feedback.md."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import Annotated, Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
+from tyro.conf import arg
+
+from agents.cli.options import Flag, MaybeCount, MaybePath, Several, chosen
 from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import percent
 from scripts.studies.feedback_laws.measures import GAITS, MEASURES, TIMING, Measurement, measured
@@ -47,29 +44,39 @@ COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when all is done, 1 if a law failed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("runs/feedback"), help="folder")
-    parser.add_argument("--workers", type=int, help="processes; one for each core by default")
-    parser.add_argument("--laws", nargs="+", choices=laws.names(), default=laws.names())
-    parser.add_argument("--gaits", nargs="+", choices=list(GAITS), default=list(GAITS))
-    parser.add_argument("--quick", action="store_true", help="a trial with few short walks")
-    parser.add_argument(
-        "--docs", type=Path, help="a page, docs/feedback.md, to put the tables into"
-    )
-    options = parser.parse_args(arguments)
-    whole = options.laws == laws.names() and options.gaits == list(GAITS) and not options.quick
-    if options.docs and not whole:
-        parser.error("--docs replaces all tables; leave out --quick, --laws and --gaits")
-    results, errors = study(
-        options.out, options.gaits, options.laws, options.workers, options.quick
-    )
+def feedback(
+    *,
+    out: Path = Path("runs/feedback"),
+    workers: MaybeCount = None,
+    names: Annotated[Several, arg(name="laws")] = (),
+    gaits: Several = (),
+    quick: Flag = False,
+    docs: MaybePath = None,
+) -> int:
+    """Measure every feedback law about several held gaits, all from the same starts.
+
+    Cost over the optimum, pushes, random states, noise, delay, changed machines, decision time and
+    multipliers. Every figure is stored as soon as it is known: after Ctrl-C or a kill, the same
+    command continues from there. With two workers and six laws it takes about 40 minutes. The exit
+    status is 1 if a law could not be measured.
+
+    Args:
+        out: folder of the study.
+        workers: processes; by default one for every core.
+        names: laws; all by default.
+        gaits: some of the study's; all by default.
+        quick: make a trial with few short walks.
+        docs: a page, docs/feedback.md, to put the tables into.
+    """
+    if docs and (names or gaits or quick):
+        raise ValueError(
+            f"--docs {docs}: all tables are new; leave out --quick, --laws and --gaits"
+        )
+    places = chosen(gaits, list(GAITS)), chosen(names, laws.names())
+    results, errors = study(out, *places, workers, quick)
     text = tables(results)
-    if options.docs:
-        markdown.refresh(options.docs, MARKS, {"gaits": text + "\n"})
+    if docs:
+        markdown.refresh(docs, MARKS, {"gaits": text + "\n"})
     print(text)
     for name, error in errors.items():
         print(f"{name}: {error}", file=sys.stderr)

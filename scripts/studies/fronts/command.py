@@ -23,11 +23,11 @@ from matplotlib.figure import Figure
 
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
-from scripts.studies.designed_gaits import stage
 from scripts.studies.documents.drawings import save
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.results import AGREEMENT, STEPS, SearchResults, disagreements
 from scripts.studies.fronts.search import SEEDS, FineMeshes, FrontSearch
+from scripts.studies.stages import stage
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.library import ARCHIVE, INDEX, index, shipped

@@ -207,7 +207,7 @@ class FineMeshes:
     """
 
     def __init__(self, results: SearchResults, stage: Callable[..., dict[str, Any]]) -> None:
-        self.results, self.stage = results, stage  # see `designed_gaits.stage`
+        self.results, self.stage = results, stage  # see `stages.stage`
         self.done: dict[str, tuple[SearchGait, Solution | str]] = {}
 
     def __call__(self) -> list[Solution]:

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.periodic import BARRIER, DEGREE, ELEMENTS, finished
+from trajopt.gaits.finish import finished
+from trajopt.gaits.periodic import BARRIER, DEGREE, ELEMENTS
 from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.gaits.search import SEARCH_DEGREE, SEARCH_ELEMENTS, random_motion
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stability import floquet_multipliers
+from trajopt.gaits.verify import floquet_multipliers
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.solve import WARM_BARRIER, minimize, solve

@@ -21,7 +21,6 @@ import numpy as np
 
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
-from scripts.studies.designed_gaits import stage
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.command import DOCS, WINDOWS, chosen, publish, ship
 from scripts.studies.fronts.results import STEPS, Offer, SearchResults, neighbours, promising
@@ -33,6 +32,7 @@ from scripts.studies.fronts.solving import (
     Task,
     attempts,
 )
+from scripts.studies.stages import stage
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.library import ARCHIVE, repeated, shipped

@@ -1,14 +1,7 @@
-"""Train and evaluate every learner over several seeds: the tables of docs/learning.md.
-
-A task is one seed of one row. Its result is kept as soon as it is known, and trainings save their
-states: after Ctrl-C or a kill, the same command goes on. (A training of plain stable-baselines3
-begins again.) With --rows, only some rows are trained; --docs writes the tables whose rows are all
-finished.
-"""
+"""The study `learning`: the tables of docs/learning.md."""
 
 from __future__ import annotations
 
-import argparse
 import functools
 import math
 import os
@@ -23,8 +16,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
+from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
 from agents.evaluate import PROTOCOL, Protocol, bootstrap_interval, interquartile_mean
-from agents.gaps import best_held, gap_to_gaits, ticks_around
+from agents.gaps import gap_to_optimum
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish
@@ -32,7 +26,7 @@ from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import count, percent, table
 from scripts.studies.learning.rows import ABLATIONS, FIRST_EVENING, FRONT, LEARNED, ROWS, SECTIONS
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
-from trajopt import Solution, pool
+from trajopt import pool
 from trajopt.store import Store, jsonable, key
 
 #: A row appears in a table once this many seeds have finished.
@@ -71,33 +65,49 @@ class SeedTask(NamedTuple):
         return key(f"{self.row.name}_{self.seed}", row=self.row)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when all is done, 1 if a task failed."""
-    parser = argparse.ArgumentParser(prog="python -m scripts.studies learning", description=__doc__)
-    names = [row.name for row in ROWS]
-    parser.add_argument("--seeds", type=int, default=10, help="of every row: 0, 1, ...")
-    parser.add_argument("--rows", nargs="+", choices=names, default=names, metavar="ROW")
-    parser.add_argument("--workers", type=int, help="processes; default: as many as cores")
-    parser.add_argument("--out", type=Path, default=Path("runs/study"), help="folder")
-    parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
-    parser.add_argument("--headline", type=Path, help="README.md, whose headline has their gaps")
-    options = parser.parse_args(arguments)
-    if options.headline and not options.docs:
-        parser.error("--headline needs --docs")
-    chosen = [row for row in ROWS if row.name in options.rows]
-    with Store(options.out, {"protocol": jsonable(PROTOCOL)}) as store:
-        tasks = [SeedTask(row, seed) for row in chosen for seed in range(options.seeds)]
-        failures = completed(store, tasks, PROTOCOL, options.workers)
-        results = finished(store, ROWS, options.seeds)
-        sections = tables(results, gaps(results, options.out, options.workers))
+def learning(
+    *,
+    rows: Several = (),
+    seeds: Count = 10,
+    workers: MaybeCount = None,
+    out: Path = Path("runs/study"),
+    docs: MaybePath = None,
+    headline: MaybePath = None,
+) -> int:
+    """Train and evaluate every learner over several seeds; the exit status is 1 if a seed failed.
+
+    A task is one seed of one row. Its result is kept as soon as it is known, and trainings save
+    their states: after Ctrl-C or a kill, the same command goes on. (A training of plain
+    stable-baselines3 begins again.)
+
+    Args:
+        rows: to train; all by default.
+        seeds: of every row: 0, 1, ...
+        workers: processes; by default one for every core.
+        out: folder of the study.
+        docs: a page, docs/learning.md, to put the tables into whose rows are all finished.
+        headline: README.md, whose headline has the gaps of that page.
+    """
+    known = {row.name: row for row in ROWS}
+    if headline and not docs:
+        raise ValueError(f"--headline {headline}: needs --docs, the page with the tables")
+    with Store(out, {"protocol": jsonable(PROTOCOL)}) as store:
+        tasks = [
+            SeedTask(known[name], seed)
+            for name in chosen(rows, list(known))
+            for seed in range(seeds)
+        ]
+        failures = completed(store, tasks, PROTOCOL, workers)
+        results = finished(store, ROWS, seeds)
+        sections = tables(results, functools.partial(gap_in, out / GAITS))
     print("\n\n".join(sections.values()))
-    if options.docs:
+    if docs:
         whole = {row.table for row in ROWS} - {row.table for row in ROWS if row not in results}
         marks = markdown.marks("study", tuple(sections))
         written = {name: text + "\n" for name, text in sections.items() if name in whole}
-        markdown.refresh(options.docs, marks, written)
-    if options.headline:
-        publish.refresh_headline(options.headline, options.docs)
+        markdown.refresh(docs, marks, written)
+    if headline and docs:
+        publish.refresh_headline(headline, docs)
     for task, failure in failures.items():
         print(f"{task.row.name} {task.seed}: {failure}", file=sys.stderr)
     return 1 if failures else 0
@@ -164,37 +174,15 @@ def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     return results
 
 
-def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
-    """How far policies are above the environment's own optimum at the speed that they learned.
+def gap_in(folder: Path, row: StudyRow, figures: WalkFigures) -> float | None:
+    """How far a policy is above the environment's own optimum at its speed, minus 1.
 
-    A step of a held gait lasts a whole number of control intervals. At the two such speeds around
-    a policy's, the best gaits of 1 to 3 steps per stride are solved.
-
-    Returns:
-        (row, figures) -> CoT over the optimum, minus 1; None without a walk or a gait, and where
-        actions are held for another time than those of the optima.
+    The optimal gaits are those of `agents.gaps.gap_to_optimum`, kept in the folder. None without a
+    walk or a gait, and where actions are held for another time than the voltage of the optima.
     """
-    needed: dict[int, None] = {}
-    for row, seeds in results.items():
-        if row.trial.period == CONTROL_PERIOD:
-            walking = [each for seed in seeds for each in seed.policies.values()]
-            for each in filter(row.walks, walking):
-                needed |= dict.fromkeys(ticks_around(BUILDABLE, each.speed))
-    solve = functools.partial(_best_held, folder / GAITS)
-    with closing(pool.run(solve, list(needed), workers, progress="optimal gaits")) as solved:
-        gaits = dict(solved)
-
-    def gap(row: StudyRow, figures: WalkFigures) -> float | None:
-        if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
-            return None
-        around = ticks_around(BUILDABLE, figures.speed)
-        return gap_to_gaits(figures.cot, figures.speed, [gaits[n] for n in around])
-
-    return gap
-
-
-def _best_held(folder: Path, ticks: int) -> Solution | None:
-    return best_held(BUILDABLE, ticks, folder)
+    if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
+        return None
+    return gap_to_optimum(BUILDABLE, figures.cot, figures.speed, folder, progress=True)
 
 
 # -- tables ----------------------------------------------------------------------------------------

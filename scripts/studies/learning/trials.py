@@ -17,7 +17,7 @@ from agents.conditions import Conditions
 from agents.evaluate import COMMANDS, Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
-from agents.outcomes import FALLS, WALKS, Window, outcomes
+from agents.outcomes import FALLS, WALKS, WindowTotals, outcomes
 from agents.policy_files import load_policy
 from agents.rollout import Policy, Rollout, draw_starts, learned_policy
 from agents.sb3.learner import NetworkPolicy
@@ -270,7 +270,7 @@ def walk_through(
         if stretch < 0:
             continue
         if into == each // 2:
-            window, steps = Window(walks.machines), np.zeros(len(starts))
+            window, steps = WindowTotals(walks.machines), np.zeros(len(starts))
         if into >= each // 2:
             window.add(interval)
             steps[interval.running] += interval.info["steps"]
@@ -283,7 +283,7 @@ def walk_through(
     return stretches + [(command, all_fell) for command in commands[len(stretches) :]]
 
 
-def _figures(results: Sequence[str], window: Window) -> WalkFigures:
+def _figures(results: Sequence[str], window: WindowTotals) -> WalkFigures:
     walking = np.array([each == WALKS for each in results])
     speed = cot = math.nan
     if walking.any():

@@ -1,1 +1,1 @@
-"""The studies of the thesis: its experiments solved, and whether its prototype can walk."""
+"""The experiments of the thesis, solved again."""

@@ -28,20 +28,17 @@ from scripts.studies.thesis.problems import (
     TABLE_4_4,
     TABLE_4_5,
     TABLE_4_7,
-    FromGait,
     Table,
     Weights,
     from_state,
     least_final_swing,
     least_pull,
-    rod_of_mass,
     steps,
     symmetric,
     towards,
 )
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.extremal import Extremal
-from trajopt.ocp.multi_start import StartFamily
 from trajopt.ocp.problem import Problem
 
 
@@ -91,11 +88,9 @@ class Case:
     effort: Effort = USUAL  # of the search
     quickest: bool = False  # whether the quickest of equally good solutions is kept, not the first
     # whether the case only shows what is possible. Its solution grazes the guards, where a
-    # simulation cannot follow it well, so that `Solved.converged` does not ask for one.
+    # simulation cannot follow it well, so that `SolvedCase.converged` does not ask for one.
     limit: bool = False
     design: Design | None = None  # what is to be chosen of the machine, if anything
-    # problem -> family of starts; random waypoints by default
-    family: Callable[[Problem], StartFamily] | None = None
 
     @property
     def variant(self) -> str:
@@ -115,10 +110,7 @@ class Case:
 NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
 PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)
 
-#: Bounds on m2 where it is chosen for a periodic gait (kg).
-WIDER_MASS = (0.5, 4.0)
-
-#: Bounds on m2 elsewhere (kg): the thesis does not print its own.
+#: Bounds on m2 where it is chosen (kg): the thesis does not print its own.
 MASS = (0.5, 2.0)
 
 
@@ -173,11 +165,7 @@ def experiment_3() -> tuple[Case, ...]:
     wider = [Printed("cost 4.6, m2 free from 0.1 kg")]
     posed = (NOMINAL, TABLE_4_5, COST_4_6, 2)
     cases.append(_case(3, wider, posed, Effort(10), mass=(0.1, MASS[1])))
-    as_printed, free = (
-        _periodic_gait("m2 = 2.22 kg", (2.22, 2.22)),
-        _periodic_gait("m2 free", WIDER_MASS),
-    )
-    return (*cases, as_printed, free)
+    return tuple(cases)
 
 
 @cache
@@ -278,20 +266,6 @@ def _case(
         effort=effort,
         quickest=quickest,
         design=PENDULUM_MASS if options.get("mass") else None,
-    )
-
-
-def _periodic_gait(name: str, mass: tuple[float, float]) -> Case:
-    """A periodic gait with plastic touchdowns and least E+; bounds on m2 (kg)."""
-    starts, printed = (
-        FromGait(THESIS_PHYSICAL, mass),
-        Printed(f"periodic, plastic, least E+, {name}"),
-    )
-    return Case(
-        *(3, (printed,), THESIS_PHYSICAL, starts.problem),
-        effort=Effort(4, tolerance=1e-8),
-        design=rod_of_mass(THESIS_PHYSICAL),
-        family=lambda _: starts,
     )
 
 

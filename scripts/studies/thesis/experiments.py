@@ -1,32 +1,23 @@
-"""Solve the thesis's six experiments; write results.json and their figures.
-
-With --prototype, find out instead whether the machine as built can walk. That takes half an hour.
-After an interruption, the same command continues.
-"""
+"""The study `thesis`: solve the thesis's six experiments, compare them with what it prints."""
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import json
 import math
-import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from agents.cli.options import MaybeCount, MaybePath
 from scripts.studies.documents import markdown
-from scripts.studies.thesis import prototype
 from scripts.studies.thesis.cases import EXPERIMENTS, Key, case_of, needed
-from scripts.studies.thesis.solve import Solved, of_durations, sampled_times, simulated, solved
-from trajopt.ocp.extremal import Extremal, ExtremalFileError
+from scripts.studies.thesis.solve import SolvedCase, sampled_times, solved
 from trajopt.pool import run
-from trajopt.provenance import provenance
-from trajopt.store import Store, write_text
+from trajopt.store import write_text
 
 #: The solutions that docs/thesis.md shows, by file name: experiment and variant.
 SHOWN: dict[str, Key] = {
@@ -55,95 +46,56 @@ COLUMNS = {
 
 MARKS = markdown.marks("thesis", ("table",))
 
-#: Fields of `Solved` about the search, which the store holds beside the solution.
-SEARCH = ("optima", "failed", "reaching")
 
+def thesis(
+    *,
+    experiment: Literal[1, 2, 3, 4, 5, 6] | None = None,
+    out: Path = Path("runs/thesis"),
+    workers: MaybeCount = None,
+    docs: MaybePath = None,
+) -> int:
+    """Solve the thesis's six experiments; the exit status is 1 if a case has not converged.
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 if every case converged, 1 if not."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--experiment", type=int, choices=EXPERIMENTS, help="one; all by default")
-    parser.add_argument("--prototype", action="store_true", help="the machine as built")
-    parser.add_argument("--out", type=Path, default=Path("runs/thesis"), help="folder to write to")
-    parser.add_argument("--workers", type=int, help="processes")
-    parser.add_argument(
-        "--docs", type=Path, help="docs/thesis.md, to put the table and figures into"
-    )
-    options = parser.parse_args(arguments)
-    if options.prototype:
-        prototype.study(options.out / "prototype", options.workers, options.docs)
-        return 0
-    numbers = [options.experiment] if options.experiment else list(EXPERIMENTS)
+    Args:
+        experiment: one of them; all by default.
+        out: folder for results.json and the figures.
+        workers: processes; by default one for every core.
+        docs: a page, docs/thesis.md, to put the table and the figures into.
+    """
     begin = time.perf_counter()
-    solutions = solve_all(numbers, options.out, options.workers)
+    solutions = solve_all([experiment] if experiment else list(EXPERIMENTS), workers)
     rows = [row for solution in solutions for row in solution.rows()]
-    write(options.out, solutions, rows)
-    if options.docs:
-        write(options.docs.parent / "figures" / "thesis", solutions, rows)
-        markdown.refresh(options.docs, MARKS, sections(rows))
+    write(out, solutions, rows)
+    if docs:
+        write(docs.parent / "figures" / "thesis", solutions, rows)
+        markdown.refresh(docs, MARKS, sections(rows))
     for solution in solutions:
         print(_line(solution))
-    print(f"{len(solutions)} problems in {time.perf_counter() - begin:.0f} s: see {options.out}")
+    print(f"{len(solutions)} problems in {time.perf_counter() - begin:.0f} s: see {out}")
     return 0 if all(solution.converged for solution in solutions) else 1
 
 
-def solve_all(numbers: Sequence[int], folder: Path, workers: int | None = None) -> list[Solved]:
-    """The cases of some experiments, in order; finished ones are read from the folder."""
-    cases, done = needed(numbers), dict[Key, Solved]()
-    with Store(folder, provenance()) as store:
-        while waiting := [case for case in cases if case.key not in done]:
-            tasks = []
-            for case in waiting:
-                if case.after is None or case.after.key in done:
-                    before = done[case.after.key] if case.after else None
-                    tasks.append((case.key, before))
-            known = {key: load(store, key, before) for key, before in tasks}
-            todo = [(key, before) for key, before in tasks if known[key] is None]
-            done |= {key: solution for key, solution in known.items() if solution}
-            for _, solution in run(_solved, todo, workers, progress="problems"):
-                save(store, solution)
-                done[solution.key] = solution
+def solve_all(numbers: Sequence[int], workers: int | None = None) -> list[SolvedCase]:
+    """The cases of some experiments, in order."""
+    cases, done = needed(numbers), dict[Key, SolvedCase]()
+    while waiting := [case for case in cases if case.key not in done]:
+        tasks = [
+            (case.key, done[case.after.key] if case.after else None)
+            for case in waiting
+            if case.after is None or case.after.key in done
+        ]
+        for (key, _), solution in run(_solved, tasks, workers, progress="problems"):
+            done[key] = solution
     return [done[case.key] for case in cases if case.experiment in numbers]
 
 
-def _solved(task: tuple[Key, Solved | None]) -> Solved:
+def _solved(task: tuple[Key, SolvedCase | None]) -> SolvedCase:
     """Solve a case given by its key, after the one that it continues."""
     key, before = task
     return solved(case_of(key), before)
 
 
-def save(store: Store, solution: Solved) -> None:
-    """Keep a solved case in a store."""
-    name = name_of(solution.key)
-    solution.extremal.save(store.folder / f"{name}.npz")
-    search = {field: getattr(solution, field) for field in SEARCH}
-    store.save(f"{name}_search", search, files=[f"{name}.npz"])
-
-
-def load(store: Store, key: Key, before: Solved | None) -> Solved | None:
-    """A solved case from a store; None if it is missing."""
-    case, name = case_of(key), name_of(key)
-    if f"{name}_search" not in store:
-        return None
-    problem = case.problem(before.extremal if before else None)
-    try:
-        extremal = Extremal.load(store.folder / f"{name}.npz", problem)
-    except ExtremalFileError:
-        return None
-    if case.quickest:
-        extremal = dataclasses.replace(extremal, problem=of_durations(problem, extremal.phases))
-    search = store.load(f"{name}_search")
-    search["optima"] = tuple(map(tuple, search["optima"]))
-    return Solved(key, extremal, **search, **simulated(case, extremal, before))
-
-
-def name_of(key: Key) -> str:
-    """The name of a case's file."""
-    experiment, variant = key
-    return f"{experiment}_{re.sub(r'[^0-9A-Za-z.]+', '_', variant)}"
-
-
-def write(folder: Path, solutions: Sequence[Solved], rows: Sequence[dict[str, Any]]) -> None:
+def write(folder: Path, solutions: Sequence[SolvedCase], rows: Sequence[dict[str, Any]]) -> None:
     """Write results.json and the figures into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "results.json", json.dumps(rows, indent=1, allow_nan=False) + "\n")
@@ -153,7 +105,7 @@ def write(folder: Path, solutions: Sequence[Solved], rows: Sequence[dict[str, An
                 figure(solution).savefig(folder / f"{name}.png", dpi=90)
 
 
-def figure(solution: Solved) -> Figure:
+def figure(solution: SolvedCase) -> Figure:
     """Angles, rates and voltage; dashed: simulated."""
     drawn = Figure(figsize=(11, 2.6), layout="constrained")
     angles, rates, volts = drawn.subplots(1, 3)
@@ -187,7 +139,7 @@ def sections(rows: Sequence[dict[str, Any]]) -> dict[str, str]:
     return {"table": markdown.formatted(COLUMNS, named) + "\n"}
 
 
-def _line(solution: Solved) -> str:
+def _line(solution: SolvedCase) -> str:
     printed = solution.case.printed[0]
     thesis = "-" if printed.cost is None else f"{printed.cost:.6f}"
     outcome = "converged" if solution.converged else "NOT CONVERGED"

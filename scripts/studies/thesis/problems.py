@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 from math import pi
 from typing import Any
 
@@ -12,13 +11,9 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.gaits.periodic import periodic_gait
-from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases, designed_gait
-from trajopt.gaits.solution import Solution
+from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Bounds, Constraint
-from trajopt.ocp.extremal import Extremal
-from trajopt.ocp.multi_start import Start
 from trajopt.ocp.problem import Phase, Problem
 
 #: Least phi' at the end of the last step (rad/s), where the thesis asks for more than 0.
@@ -225,40 +220,3 @@ def towards(problem: Problem, end: Array, duration: float) -> Problem:
 def _changed(problem: Problem, **changes: Any) -> Problem:
     (phase,) = problem.phases
     return dataclasses.replace(problem, phases=(dataclasses.replace(phase, **changes),))
-
-
-#: Of the gaits: m/s, and steps per stride.
-SPEED, STEPS = 0.5, 2
-
-
-def rod_of_mass(params: WheelParams) -> Design:
-    """m2 as a design variable, with the inertia in proportion: a denser rod of the same length."""
-    ratio = params.pendulum_inertia / params.pendulum_mass
-    return Design(("m2",), lambda p: {"pendulum_mass": p[0], "pendulum_inertia": ratio * p[0]})
-
-
-@dataclasses.dataclass(frozen=True)
-class FromGait:
-    """Starts from the cheapest gait of the machine as it is; all but the first with another m2."""
-
-    params: WheelParams  # the machine
-    mass: tuple[float, float]  # bounds on m2 (kg)
-
-    @cached_property
-    def gait(self) -> Solution:
-        """The cheapest gait of the machine as it is."""
-        return periodic_gait(self.params, SPEED, STEPS)
-
-    def __call__(self, rng: np.random.Generator, index: int) -> Start:
-        """Start number `index`."""
-        mass = self.params.pendulum_mass if index == 0 else rng.uniform(*self.mass)
-        return Start(tuple(self.gait.phases), np.array([mass]))
-
-    def problem(self, before: Extremal | None = None) -> Problem:
-        """That of a gait of least cost of transport (E+) with as many turns, m2 to be chosen."""
-        return designed_gait(
-            *(self.params, rod_of_mass(self.params), {"m2": self.mass}),
-            steps=STEPS,
-            duration=STEPS * self.params.step_length / SPEED,
-            theta_turns=self.gait.theta_turns,
-        )

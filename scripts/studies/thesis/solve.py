@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,13 +29,12 @@ from trajopt.ocp.trajectory import PhaseTrajectory
 AS_GOOD = (1e-4, 1e-7)
 
 
-def solved(case: Case, before: Solved | None = None) -> Solved:
+def solved(case: Case, before: SolvedCase | None = None) -> SolvedCase:
     """Solve a case, after `before`, the solution of `case.after`, and simulate what came out."""
     problem = case.problem(before.extremal if before else None)
-    family = case.family or partial(WaypointStarts, durations=case.effort.durations)
     search = multi_start(
         problem,
-        family(problem),
+        WaypointStarts(problem, durations=case.effort.durations),
         case.effort.starts,
         mesh=Mesh.uniform(problem, case.effort.elements),
         same=same,
@@ -52,23 +50,18 @@ def solved(case: Case, before: Solved | None = None) -> Solved:
         tolerance=case.effort.tolerance,
         mu_init=WARM_BARRIER,
     )
-    return Solved(
+    motion = extremal.phases
+    if before and case.appended:
+        motion = before.motion + motion
+    return SolvedCase(
         key=case.key,
         extremal=extremal,
         optima=tuple((o.cost, len(o.starts), _duration(o.best)) for o in search.optima),
         failed=len(search.failures),
         reaching=len(search.optima[0].starts),
-        **simulated(case, extremal, before),
+        motion=motion,
+        simulated=replayed(case.machine(extremal.parameters), motion),
     )
-
-
-def simulated(case: Case, extremal: Extremal, before: Solved | None) -> dict[str, Any]:
-    """A case's motion and its simulations: the fields of `Solved` of these names."""
-    motion = extremal.phases
-    if before and case.appended:
-        motion = before.motion + motion
-    machine = case.machine(extremal.parameters)
-    return {"motion": motion, "simulated": replayed(machine, motion)}
 
 
 def same(one: Outcome, other: Outcome) -> bool:
@@ -104,7 +97,7 @@ MESH_ERROR, STATE_ERROR, TIME_ERROR = 1e-7, 1e-6, 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class Solved:
+class SolvedCase:
     """A case and its solution."""
 
     key: Key  # of the case

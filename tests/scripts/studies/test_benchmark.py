@@ -41,7 +41,7 @@ def test_the_page_can_be_written_without_any_one_row(key: str) -> None:
     rest = [result for result in PUBLISHED["results"] if result["key"] != key]
     page(PUBLISHED | {"results": rest})
     failed = {"key": key, "answers": [], "error": "no network"}
-    assert key == "accuracy" or "no network" in page(PUBLISHED | {"results": [*rest, failed]})
+    assert "no network" in page(PUBLISHED | {"results": [*rest, failed]})
 
 
 def test_other_rows_are_measured_after_one_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,7 @@ from scripts.studies.codesign.machine import (
     chosen,
     preset_build,
 )
-from scripts.studies.designed_gaits import stage
+from scripts.studies.stages import stage
 from trajopt.gaits.library import shipped
 from trajopt.store import Store
 

@@ -20,7 +20,7 @@ from trajopt.feedback.constraint import constraint_of
 from trajopt.feedback.law import Floats
 from trajopt.feedback.laws import input_output
 from trajopt.feedback.transverse import multipliers
-from trajopt.gaits.stability import jacobians
+from trajopt.gaits.verify import jacobians
 
 # -- zero dynamics --------------------------------------------------------------------------------
 

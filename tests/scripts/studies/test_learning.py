@@ -118,36 +118,28 @@ def test_where_nothing_walks_figures_are_missing_and_all_commands_have_a_line():
     assert table.splitlines()[4].startswith("| plain | all of these | 0 of 1 |")
 
 
-def test_gaps_are_those_to_the_best_gaits_around_the_learned_speed(tmp_path, monkeypatch):
-    solved = []
-
-    def best_held(params, ticks, folder):
-        solved.append(ticks)
-
-    monkeypatch.setattr(command, "best_held", best_held)
-    monkeypatch.setattr(command, "gap_to_gaits", lambda cot, speed, gaits: (cot, len(gaits)))
+def test_gaps_are_of_policies_that_walk_and_act_as_often_as_the_optimum(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "gap_to_optimum", lambda params, cot, speed, *_, **__: cot)
     walks, falls = WalkFigures(1.0, 0.0, 0.0, 0.05, 0.56), WalkFigures(0.5, 0.5, 0.0, 0.05, 0.56)
-    gap = command.gaps({FIRST: [SeedResult({"": walks}, 1, 1.0)]}, tmp_path, 1)
-    assert len(solved) == 2
-    assert gap(FIRST, walks) == (0.05, 2)
-    assert gap(FIRST, falls) is None
+    assert command.gap_in(tmp_path, FIRST, walks) == 0.05
+    assert command.gap_in(tmp_path, FIRST, falls) is None
     other = StudyRow("other", "other", "learned", Toy((1.0,), period=0.04))
-    assert gap(other, walks) is None
+    assert command.gap_in(tmp_path, other, walks) is None
 
 
 def test_the_command_writes_tables_whose_rows_are_all_finished(tmp_path, monkeypatch, capsys):
     page, out = tmp_path / "page.md", tmp_path / "out"
     page.write_text("<!-- study: learned -->\nold\n<!-- end of learned -->\n")
     monkeypatch.setattr(command, "ROWS", (FIRST, SECOND))
-    monkeypatch.setattr(command, "gaps", lambda *_: lambda row, policy: None)
-    arguments = ["--out", str(out), "--seeds", "2", "--workers", "1", "--docs", str(page)]
-    assert command.main([*arguments, "--rows", "first"]) == 0
+    monkeypatch.setattr(command, "gap_in", lambda *_: None)
+    study = functools.partial(command.learning, out=out, seeds=2, workers=1, docs=page)
+    assert study(rows=("first",)) == 0
     assert "old" in page.read_text()
-    assert command.main(arguments) == 0
+    assert study() == 0
     assert "| the second, best kept | 2 of 2 |" in page.read_text()
     assert "the second" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        command.main(["--headline", str(page)])
+    with pytest.raises(ValueError, match="needs --docs"):
+        command.learning(headline=page)
 
 
 def test_the_rows_have_names_and_titles_of_their_own_and_a_table():

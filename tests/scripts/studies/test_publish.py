@@ -99,7 +99,7 @@ def contents(root: Path) -> dict[Path, bytes]:
 def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
     study: Path, root: Path
 ) -> None:
-    assert publish.main(["--study", str(study)]) == 0
+    assert publish.publish(study=study) == 0
     table = (root / "docs" / "comparison.md").read_text()
     assert table == section("table", "| new table |\n")
     for picture in publish.PICTURES:
@@ -117,12 +117,12 @@ def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
         *[["0.0500", "+20.0%", "75%", "95%", "0.600", "+10.0%", "+7 %, 9 of 10 walk |"]] * 4,
     ]
     once = contents(root)
-    publish.main(["--study", str(study)])
+    publish.publish(study=study)
     assert contents(root) == once
 
 
 def test_nothing_is_published_into_pages_without_marks_or_without_a_line_over_seeds(
-    study: Path, root: Path, capsys: pytest.CaptureFixture[str]
+    study: Path, root: Path
 ) -> None:
     lost = LEARNING.replace("| evolution from scratch, best kept | 9", "| evolution | 9")
     for page, text, message in (
@@ -132,8 +132,8 @@ def test_nothing_is_published_into_pages_without_marks_or_without_a_line_over_se
         original = (root / page).read_text()
         (root / page).write_text(text)
         before = contents(root)
-        assert publish.main(["--study", str(study)]) == 2
-        assert message in capsys.readouterr().err
+        with pytest.raises(ValueError, match=re.escape(message)):
+            publish.publish(study=study)
         assert contents(root) == before
         (root / page).write_text(original)
 

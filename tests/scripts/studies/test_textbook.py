@@ -13,24 +13,23 @@ DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "optimal-control.md"
 
 
 def test_it_prints_a_row_for_each_named_problem(capsys: pytest.CaptureFixture[str]) -> None:
-    assert textbook.main(["gear", "least_effort_move", "--elements", "4"]) == 0
+    assert textbook.textbook(problems=("gear", "least_effort_move"), elements=4) == 0
     rows = capsys.readouterr().out.splitlines()[2:]
-    assert [row.split(" | ")[0] for row in rows] == ["| least effort move", "| gear"]
+    assert [row.split(" | ")[0] for row in rows] == ["| gear", "| least effort move"]
     assert all(row.split(" | ")[1:3] == [row.split(" | ")[1]] * 2 for row in rows)  # to 10 digits
 
 
 def test_the_row_and_the_status_say_that_a_problem_did_not_converge(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ["passive_wheel", "--scheme", "trapezoid", "--tolerance", "1e-12"]
-    assert textbook.main(arguments) == 1
+    some = ("passive_wheel",)
+    assert textbook.textbook(problems=some, scheme="trapezoid", tolerance=1e-12) == 1
     assert "mesh error" in capsys.readouterr().out
 
 
-def test_unknown_problems_are_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        textbook.main(["nonsense"])
-    assert "unknown problems: nonsense" in capsys.readouterr().err
+def test_unknown_problems_are_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="nonsense: unknown"):
+        textbook.textbook(problems=("nonsense",))
 
 
 def test_the_document_quotes_all_problems_with_their_answers() -> None:

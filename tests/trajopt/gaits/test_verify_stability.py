@@ -16,8 +16,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
 from trajopt import Extremal, Mesh, Problem, Solution, solve
 from trajopt.gaits.problem import WheelPhases
-from trajopt.gaits.stability import floquet_multipliers, monodromy
-from trajopt.gaits.verify import playback
+from trajopt.gaits.verify import floquet_multipliers, monodromy, playback
 from trajopt.ocp.guesses import polyline
 
 
