@@ -29,7 +29,7 @@ from rimless_gym.hybrid import OK
 from trajopt.feedback.law import Floats
 
 #: Control intervals of a training, and policies of a generation.
-TIMESTEPS, POPULATION = 54_000_000, 16
+TIMESTEPS, POPULATION = 30_000_000, 16
 
 #: The last layer varies in the principal components of what it sees, down to this share of the
 #: first one's variance.
@@ -39,15 +39,15 @@ LEAST_VARIANCE = 1e-4
 #: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
 SPREAD = 0.0006
 
-#: Starts of a policy in each generation: from the first policy's gait, and most of those from which
-#: that falls, always the same; and ordinary ones, always new.
-GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 8, 12, 8
+#: Starts of a policy in each generation: the same from the first policy's gait, the same of those
+#: from which that one falls, and ordinary ones, always new.
+GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 8, 8
 
 #: Seconds of a walk, and those at its end over which it is measured.
 DURATION, WINDOW = 7.0, 4.0
 
-#: Ordinary starts, and seconds of their walks, that show the first policy's gait and its falls,
-#: and how many of its observations give the principal components.
+#: Ordinary starts, and seconds of their walks, that show the first policy's gait and its falls, and
+#: how many of its observations give the principal components.
 SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 
 
@@ -159,11 +159,11 @@ class LastLayer:
             )
         rng = np.random.default_rng((self._seed, 3))
         fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
-        hard = starts[fallen][:HARD_STARTS]
+        hard, usual = starts[fallen][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
         self._starts = np.concatenate([hard, gait[rng.integers(len(gait), size=GAIT_STARTS)]])
-        usual = np.full(GAIT_STARTS + ORDINARY_STARTS, 1.0 / (GAIT_STARTS + ORDINARY_STARTS))
-        self._shares = np.append(np.full(len(hard), fallen.mean() / max(1, len(hard))), usual)
-        self.intervals = POPULATION * len(self._shares) * self._lasting
+        shares = [fallen.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
+        self._shares = np.array(shares) / sum(shares)
+        self.intervals = POPULATION * len(shares) * self._lasting
         some = rng.integers(len(shown.observations), size=OBSERVED)
         features = self._features(shown.observations[some]).astype(np.float64)
         values, vectors = np.linalg.eigh(features.T @ features / len(features))
@@ -205,10 +205,10 @@ class LastLayer:
         All walk from the same starts, those of the number `generation`.
         """
         layers = (self.first + self._drawn @ self._basis.T).astype(np.float32)
-        params, n = self._conditions.params, len(self._shares)
+        params = self._conditions.params
         ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, 4, generation))
         starts = np.tile(np.concatenate([self._starts, ordinary]), (POPULATION, 1))
-        whose = np.repeat(np.arange(POPULATION), n)
+        whose = np.repeat(np.arange(POPULATION), len(self._shares))
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
             own = layers[whose[rollout.running]]
@@ -223,7 +223,7 @@ class LastLayer:
                 window.add(interval)
                 steps[interval.running] += interval.info["steps"]
         walking = np.array([each == WALKS for each in outcomes(fallen, steps > 0, window)])
-        shares = walking.reshape(POPULATION, n) @ self._shares / self._shares.sum()
+        shares = (walking.reshape(POPULATION, -1) @ self._shares).tolist()
         walks = [window.total(walking & (whose == k), params)[1] for k in range(POPULATION)]
         cots = [each.cost_of_transport(params) for each in walks]
-        return np.array([economy(*each) for each in zip(shares.tolist(), cots, strict=True)])
+        return np.array([economy(*each) for each in zip(shares, cots, strict=True)])
