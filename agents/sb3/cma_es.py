@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from agents.imitation import walk
 from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
-from agents.outcomes import WALKS, Window, outcomes
+from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
 from agents.sb3.learner import Ppo, architecture, put_weights, weights_of
@@ -215,7 +215,7 @@ class LastLayer:
             return np.asarray(np.einsum("nh,nh->n", self._features(observations), own))
 
         rollout = Rollout(self._conditions, policy, starts, self._lasting, self._seed)
-        window, fallen = Window(rollout.machines), np.zeros(len(starts), dtype=bool)
+        window, fallen = WindowTotals(rollout.machines), np.zeros(len(starts), dtype=bool)
         steps = np.zeros(len(starts))
         for k, interval in enumerate(rollout):
             fallen[interval.running] = interval.info["failure"] != OK
