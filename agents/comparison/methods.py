@@ -28,7 +28,6 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
-from trajopt.feedback.startup import TIME, Cost
 from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.library import warm_starts
 from trajopt.pool import cores
@@ -72,7 +71,6 @@ def methods(study: Study) -> tuple[Method, ...]:
         OptimalGait("least", "optimal at any speed", least_gait, ("held_front",)),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
-        LawMethod("efficient", EXPERT, study.speed, (EXPERT,), rewarded=True),
         *_holding(study),
         *front_policy(study),
         LearnedMethod(
@@ -291,26 +289,21 @@ class LawMethod:
         name, after: see `Method`. The first law for a gait plans the start-up for all.
         law: one of `trajopt.feedback.laws.names()`.
         speed: one of the study's (m/s).
-        rewarded: whether the start-up loses the least return, instead of time.
     """
 
     name: str
     law: str
     speed: float
     after: tuple[str, ...]
-    rewarded: bool = False
 
     def compute(self, setting: Setting) -> Result:
         """Evaluate it."""
-        gait, params = setting.held_gait(self.speed), setting.params
-        lost = Cost(reward_rate(gait), 1.0 / params.weight, -USUAL_TASK.distance_weight)
-        cost = lost if self.rewarded else TIME
-        controller = laws.design(self.law, gait, setting.out, cost)
-        return {"evaluations": [setting.evaluated(controller_policy(params, controller))]}
+        controller = laws.design(self.law, setting.held_gait(self.speed), setting.out)
+        return {"evaluations": [setting.evaluated(controller_policy(setting.params, controller))]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row."""
-        title = f"{law_title(self.law)} about the optimum" + ", efficient start-up" * self.rewarded
+        title = f"{law_title(self.law)} about the optimum"
         (evaluation,) = result["evaluations"]
         return [_policy_row(setting, title, evaluation, self.speed)]
 

@@ -1,12 +1,13 @@
 """The start-up controller: what brings the wheel to a gait from rest, and from anywhere else.
 
-The time to the gait from every state, by the best sequence of a few voltages each held for a
-moment, follows from Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
+It minimises the return that an episode loses before the wheel is at the gait: haste costs energy,
+delay costs travel. That cost from every state, by the best sequence of a few voltages each held for
+a moment, follows from Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
 Dynamic Programming and Optimal Control, 6.5; Munos and Moore, Machine Learning 49, 2002). The
-controller plays each of the voltages forward on the stepping kernel, exactly, and computes after
-which of them the least time remains (a rollout of one stage: Bertsekas, 6.4). Its voltage is a mean
-of all of them, in which one that takes longer counts exponentially less: the best one alone would
-jump from state to state, which no network can imitate.
+controller simulates each of the voltages on the stepping kernel, exactly, and computes after which
+of them the least cost remains (a rollout of one stage: Bertsekas, 6.4). Its voltage is a mean of
+all of them, in which one that costs more counts exponentially less: the best one alone would jump
+from state to state, which no network can imitate.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import positive, require_kind
 from rimless_gym.energy import ROW
+from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached, inner
@@ -30,6 +32,7 @@ from rimless_gym.params import WheelParams
 from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
+from trajopt.gaits.solution import Solution
 from trajopt.pool import cores
 from trajopt.store import Store, key
 
@@ -45,20 +48,24 @@ INSIDE = 1e-6
 #: How many voltages there are to choose from, and for how long one is held (s).
 VOLTAGES, HOLD = 9, 4 * CONTROL_PERIOD
 
-#: Penalty (s) for a foot without any normal force; less in proportion up to `CONTACT_MARGIN`.
+#: Travel is worth at least so much in costs of transport of the gait, or it would be best to rest.
+LEAST_WORTH = 2.0
+
+#: A foot without any normal force costs as much as so much time (s); less in proportion up to
+#: `CONTACT_MARGIN`.
 UNLOADED = 0.5
 
-#: The time (s) of a state from which nothing leads to the gait.
+#: The cost (m) of a state from which nothing leads to the gait.
 NEVER = 20.0
 
-#: The time (s) of a voltage that leads to a fall: longer than any other, and finite, so that times
+#: The cost (m) of a voltage that leads to a fall: more than any other, and finite, so that costs
 #: can be compared where all of them do.
 FALL = 2 * NEVER
 
-#: Most sweeps, and the largest change (s) at which they have converged.
+#: Most sweeps, and the largest change (m) at which they have converged.
 SWEEPS, CONVERGED = 400, 1e-3
 
-#: Time (s) by which a voltage takes longer than the best if it counts 1/e of it.
+#: A voltage that costs more than the best by so much time (s) counts 1/e of it.
 SOFTNESS = 0.01
 
 #: Wheels that are simulated at a time.
@@ -71,24 +78,24 @@ MOST_CACHED = 8
 _LAST = 1.0 - 1e-9
 
 
-class Cost(NamedTuple):
-    """What a start-up controller minimises: a weighted sum, by default the time to the gait.
-
-    With the weights of a task's reward it loses the least return. The constants of this module in
-    seconds are then weighted as times are, and the "times" are costs.
+class Weights(NamedTuple):
+    """Of a cost in metres of return.
 
     Attributes:
-        time: weight of a second.
-        energy: weight of a joule that is drawn from the battery, without regeneration.
-        distance: weight of a metre; negative where distance is rewarded.
+        time: of a second.
+        energy: of a joule that is drawn from the battery, without regeneration.
+        distance: of a metre; negative, since distance is rewarded.
     """
 
-    time: float = 1.0
-    energy: float = 0.0
-    distance: float = 0.0
+    time: float
+    energy: float
+    distance: float
 
 
-TIME = Cost()
+def lost_return(gait: Solution) -> Weights:
+    """The weights by which a start-up costs what it loses of the return on a gait."""
+    worth = max(USUAL_TASK.distance_weight, LEAST_WORTH * gait.cot)
+    return Weights((worth - gait.cot) * gait.speed, 1.0 / gait.params.weight, -worth)
 
 
 class StateGrid(NamedTuple):
@@ -132,8 +139,8 @@ class StateGrid(NamedTuple):
         return hybrid_states(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), DOUBLE)
 
 
-class Times(NamedTuple):
-    """Times to a gait (s), at the nodes of a `StateGrid`.
+class CostToGo(NamedTuple):
+    """The least cost on the way to a gait (m of return), at the nodes of a `StateGrid`.
 
     Attributes:
         single: in single stance, shape `counts`.
@@ -146,31 +153,31 @@ class Times(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class StartUpController:
-    """The voltage after which about the least time to a gait remains.
+    """The voltage after which about the least cost remains.
 
     Attributes:
         params: the machine.
-        grid: of the times.
-        times: to the gait (s), or other costs.
-        cost: that is minimised.
+        grid: of the cost to go.
+        to_go: the cost to go.
+        weights: of the cost.
     """
 
     params: WheelParams
     grid: StateGrid
-    times: Times
-    cost: Cost = TIME
+    to_go: CostToGo
+    weights: Weights
 
     @classmethod
     def to(
-        cls, law: Law, near: float, counts: Sequence[int] | None = None, cost: Cost = TIME
+        cls, law: Law, near: float, weights: Weights, counts: Sequence[int] | None = None
     ) -> StartUpController:
         """The controller that leads to a law's gait; it takes some seconds to a minute to compute.
 
         Args:
             law: that takes over near its gait.
             near: distance from the gait at which it does; > 0.
+            weights: of the cost to minimise.
             counts: of the grid's nodes of each coordinate, default `COUNTS`.
-            cost: to minimise, default: the time.
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
@@ -182,19 +189,19 @@ class StartUpController:
                 f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
                 "and nothing could lead there; raise the counts or near"
             )
-        return cls(law.params, grid, time_to_gait(law.params, grid, at_the_gait, cost), cost)
+        return cls(law.params, grid, cost_to_gait(law.params, grid, at_the_gait, weights), weights)
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
         smooth, modes = states_and_modes(x, mode)
         states, choices = hybrid_states(smooth, modes), voltages(self.params)
         repeated = np.repeat(states, len(choices), axis=0)
-        after, cost = simulated(self.params, repeated, np.tile(choices, len(states)), self.cost)
-        remaining = _remaining(after, cost, self.times, self.grid)
-        longer = remaining.reshape(len(states), len(choices))
-        longer -= longer.min(axis=1, keepdims=True)
-        weights = np.exp(-longer / (SOFTNESS * self.cost.time))
-        mean = (weights * choices).sum(axis=1) / weights.sum(axis=1)
+        after, cost = simulated(self.params, repeated, np.tile(choices, len(states)), self.weights)
+        remaining = _remaining(after, cost, self.to_go, self.grid)
+        more = remaining.reshape(len(states), len(choices))
+        more -= more.min(axis=1, keepdims=True)
+        shares = np.exp(-more / (SOFTNESS * self.weights.time))
+        mean = (shares * choices).sum(axis=1) / shares.sum(axis=1)
         return np.asarray(mean if np.ndim(x) == 2 else mean[0])
 
 
@@ -208,26 +215,26 @@ _CACHE: dict[str, StartUpController] = {}
 
 
 def startup_for(
-    law: Law, near: float, folder: Path | None = None, cost: Cost = TIME
+    law: Law, near: float, weights: Weights, folder: Path | None = None
 ) -> StartUpController:
     """`StartUpController.to`, computed once for the last few gaits.
 
     Args:
         law: that takes over near its gait.
         near: distance from the gait at which it does; > 0.
-        folder: where its times are also stored, and read from if they are there.
-        cost: to minimise, default: the time.
+        weights: of the cost to minimise.
+        folder: where the cost to go is also stored, and read from if it is there.
     """
     orbit = law.data.orbit.states
-    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit, cost=cost)
+    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit, cost=weights)
     startup, store = _CACHE.pop(name, None), None if folder is None else Store(folder)
     if startup is None and store is not None and name in store:
-        times = Times(**store.load(name))
-        startup = StartUpController(law.params, _grid(law, COUNTS), times, cost)
+        to_go = CostToGo(**store.load(name))
+        startup = StartUpController(law.params, _grid(law, COUNTS), to_go, weights)
     if startup is None:
-        startup = StartUpController.to(law, near, None, cost)
+        startup = StartUpController.to(law, near, weights)
         if store is not None:
-            store.save(name, startup.times._asdict())
+            store.save(name, startup.to_go._asdict())
     _CACHE[name] = startup  # the last one is the one that was used last
     while len(_CACHE) > MOST_CACHED:
         _CACHE.pop(next(iter(_CACHE)))
@@ -240,7 +247,7 @@ def voltages(params: WheelParams) -> Floats:
 
 
 def simulated(
-    params: WheelParams, states: Floats, volts: Floats, weights: Cost = TIME
+    params: WheelParams, states: Floats, volts: Floats, weights: Weights
 ) -> tuple[Floats, Floats]:
     """Hold voltages (N,) for a moment from hybrid states (N, STATE_SIZE).
 
@@ -280,35 +287,35 @@ class Outcomes(NamedTuple):
     cost: NDArray[np.float32]
 
 
-def time_to_gait(
-    params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_], cost: Cost = TIME
-) -> Times:
-    """The time (s) to a gait from all states, `NEVER` where nothing leads there.
+def cost_to_gait(
+    params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_], weights: Weights
+) -> CostToGo:
+    """The least cost to a gait from all states, `NEVER` where nothing leads there.
 
     `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
     """
-    single = _outcomes(params, grid.single(), cost)
-    double = _outcomes(params, grid.double(), cost)
+    single = _outcomes(params, grid.single(), weights)
+    double = _outcomes(params, grid.double(), weights)
     counts = grid.counts
     start = np.where(at_the_gait, 0.0, NEVER)
-    times = Times(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
+    to_go = CostToGo(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
     open_single = np.flatnonzero(~at_the_gait & np.isfinite(single.cost).any(axis=1))
     open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
     for sweep in range(SWEEPS):
         order = 1 if sweep % 2 == 0 else -1
         change = max(
-            _swept(times.single.reshape(-1), open_single[::order], single, times, grid),
-            _swept(times.double.reshape(-1), open_double[::order], double, times, grid),
+            _swept(to_go.single.reshape(-1), open_single[::order], single, to_go, grid),
+            _swept(to_go.double.reshape(-1), open_double[::order], double, to_go, grid),
         )
         if change < CONVERGED:
-            return times
+            return to_go
     raise RuntimeError(
-        f"the times to the gait still change by {change:.3g} s after {SWEEPS} sweeps; wanted is "
-        f"{CONVERGED:g} s: take a grid of other counts"
+        f"the costs to the gait still change by {change:.3g} m after {SWEEPS} sweeps; wanted is "
+        f"{CONVERGED:g} m: take a grid of other counts"
     )
 
 
-def _outcomes(params: WheelParams, nodes: Floats, weights: Cost) -> Outcomes:
+def _outcomes(params: WheelParams, nodes: Floats, weights: Weights) -> Outcomes:
     """Hold every voltage from every node."""
     n, choices = len(nodes), voltages(params)
     states = np.empty((n, len(choices), 5), np.float32)
@@ -321,15 +328,15 @@ def _outcomes(params: WheelParams, nodes: Floats, weights: Cost) -> Outcomes:
 
 
 @cached()
-def _swept(flat, nodes, outcomes, times, grid):  # type: ignore[no-untyped-def]
-    """Improve the times at nodes, one after the other; the largest change."""
+def _swept(flat, nodes, outcomes, to_go, grid):  # type: ignore[no-untyped-def]
+    """Improve the costs at nodes, one after the other; the largest change."""
     largest = 0.0
     for i in nodes:
         least = NEVER
         for k in range(outcomes.cost.shape[1]):
             if outcomes.cost[i, k] < least:
                 x = outcomes.states[i, k]
-                ahead = time_at(times, grid, x[0], x[1], x[2], x[3], x[4])
+                ahead = cost_at(to_go, grid, x[0], x[1], x[2], x[3], x[4])
                 least = min(least, outcomes.cost[i, k] + ahead)
         largest = max(largest, flat[i] - least)
         flat[i] = least
@@ -337,29 +344,29 @@ def _swept(flat, nodes, outcomes, times, grid):  # type: ignore[no-untyped-def]
 
 
 @cached()
-def _remaining(states, cost, times, grid):  # type: ignore[no-untyped-def]
+def _remaining(states, cost, to_go, grid):  # type: ignore[no-untyped-def]
     total = np.empty(len(cost))
     for i in range(len(cost)):
         x = states[i]
-        ahead = time_at(times, grid, x[0], x[1], x[2], x[3], x[MODE])
+        ahead = cost_at(to_go, grid, x[0], x[1], x[2], x[3], x[MODE])
         total[i] = min(cost[i] + min(ahead, NEVER), FALL)
     return total
 
 
 @inner
-def time_at(times, grid, phi, theta, dphi, dtheta, mode):  # type: ignore[no-untyped-def]
-    """The time at a hybrid state, linear between nodes; beyond the grid it is as at its edge."""
+def cost_at(to_go, grid, phi, theta, dphi, dtheta, mode):  # type: ignore[no-untyped-def]
+    """The cost to go, linear between nodes; beyond the grid it is as at its edge."""
     j, g = _cell_round(theta, grid, 1)
     m, i = _cell(dtheta, grid, 3)
     following = j + 1 if j + 1 < grid.counts[1] else 0
     if mode == DOUBLE:
-        v = times.double
+        v = to_go.double
         return (1 - g) * _line(v[j], m, i) + g * _line(v[following], m, i)
     k, f = _cell(phi, grid, 0)
     n, h = _cell(dphi, grid, 2)
     total = 0.0
     for side in range(2):
-        v, weight = times.single[k + side], f if side else 1 - f
+        v, weight = to_go.single[k + side], f if side else 1 - f
         here = (1 - h) * _line(v[j, n], m, i) + h * _line(v[j, n + 1], m, i)
         there = (1 - h) * _line(v[following, n], m, i) + h * _line(v[following, n + 1], m, i)
         total += weight * ((1 - g) * here + g * there)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from trajopt.feedback.law import Controller, Law
-    from trajopt.feedback.startup import Cost
     from trajopt.gaits.solution import Solution
 
 
@@ -67,9 +66,7 @@ def holding(law: str | Law, solution: Solution) -> Law:
     return law
 
 
-def design(
-    law: str | Law, solution: Solution, folder: Path | None = None, cost: Cost | None = None
-) -> Controller:
+def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Controller:
     """The law of this name for a gait, with the start-up controller and the contact guard.
 
     The start-up controller is computed once for a gait, which takes up to half a minute, and cached
@@ -79,15 +76,15 @@ def design(
         law: see `holding`.
         solution: the gait.
         folder: where the start-up controller is stored, for other processes; None: nowhere.
-        cost: that it minimises, default: the time.
 
     Raises:
         TypeError, ValueError: see `holding`; or the start-up controller's file is damaged.
         OSError: the folder cannot be written.
     """
     from trajopt.feedback.controller import NEAR, ContactGuard, SwitchingController, margin_for
-    from trajopt.feedback.startup import TIME, startup_for
+    from trajopt.feedback.startup import lost_return, startup_for
 
     law = holding(law, solution)
-    switching = SwitchingController(law, startup_for(law, NEAR, folder, cost or TIME))
+    startup = startup_for(law, NEAR, lost_return(solution), folder)
+    switching = SwitchingController(law, startup)
     return ContactGuard(law.params, switching, margin_for(solution))
