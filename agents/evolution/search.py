@@ -41,7 +41,6 @@ from agents.learner import LearnerSettings
 from agents.reward_weight import LEAST_SHARE, NO_WALK, CleanWalking, adapted_weight, economy
 from agents.rollout import draw_starts
 from rimless_gym.checks import extra, integer, positive
-from rimless_gym.envs import EPISODE_STEPS
 from trajopt.feedback.law import Floats
 
 #: Generations between two checks of how the mean policy walks.
@@ -84,8 +83,7 @@ class EvolutionSettings(LearnerSettings):
         refining_intervals: of a walk afterwards. Some policies fall after half a minute, and in
             short walks what is left of the start-up hides the cost of the gait.
         refining_starts: of a policy afterwards, in every other generation.
-        start_up_intervals: of a walk in the generations between, all of which is measured: an
-            episode of the environment.
+        start_up_intervals: of a walk in the generations between: to get going, and little more.
         start_up_starts: of a policy in these.
         checked_starts: from which the mean policy is checked during the race.
         refining_checked_starts: the same afterwards. The best of many checks is retained; from few
@@ -117,8 +115,8 @@ class EvolutionSettings(LearnerSettings):
     starts: int = 24
     refining_intervals: int = 5000
     refining_starts: int = 12
-    start_up_intervals: int = EPISODE_STEPS
-    start_up_starts: int = 30
+    start_up_intervals: int = 1000
+    start_up_starts: int = 60
     checked_starts: int = 64
     refining_checked_starts: int = 256
     least_counted: float = 0.1
@@ -219,12 +217,11 @@ def search(
         best = EvolvingPolicy(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _race(settings, seed, floor)
-    # A long walk shows what the gait costs and whether it lasts; an episode, what the start costs.
-    # Most falls happen while the pendulum is pumped up; few starts would hardly show them.
-    episode = settings.start_up_intervals
+    # A long walk shows what the gait costs and whether it lasts. Most falls happen while the
+    # pendulum is pumped up; few starts would hardly show them.
     refining = (
         Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
-        Generation(settings.start_up_starts, Duration(episode, episode)),
+        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
     )
     yield from best.evolve(None, refining, settings.refining_checked_starts, None)
 
@@ -280,10 +277,7 @@ def _best(answer: Answer, most: int) -> dict[int, Floats]:
 def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[EvolvingPolicy]:
     """Screen and race."""
     screened = yield from screen(settings, seed)
-    schedule = (
-        Generation(settings.starts, Duration.second_half(settings.intervals)),
-        Generation(settings.starts, Duration(settings.intervals, settings.intervals)),
-    )
+    schedule = (Generation(settings.starts, Duration.second_half(settings.intervals)),)
     checked = settings.checked_starts
     ranked: list[EvolvingPolicy] = []
     leader: EvolvingPolicy | None = None

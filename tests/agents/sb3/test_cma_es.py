@@ -10,25 +10,28 @@ from tests.agents.runs import assert_same_policies, killed_after, run, weights
 
 CLONE = str(PRETRAINED["imitation"])
 
+#: Control intervals of a generation, as `short` has them.
+GENERATION = 16 * 4 * 400
+
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
     for name, value in {
-        "POPULATION": 6,
+        "POPULATION": 16,
         "GAIT_STARTS": 2,
         "HARD_STARTS": 1,
         "ORDINARY_STARTS": 1,
         "SHOWN_STARTS": 8,
         "OBSERVED": 1000,
-        "DURATION": 2.5,
-        "WINDOW": 1.5,
+        "DURATION": 4.0,
+        "WINDOW": 2.5,
     }.items():
         monkeypatch.setattr(cma_es, name, value)
 
 
 def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
-    protocol = Protocol(starts=8, seed=1, duration=10.0, window=4.0, alive=4.0)
-    result = run(tmp_path, "cma_es", init=CLONE, timesteps=20 * 6 * 3 * 250, protocol=protocol)
+    protocol = Protocol(starts=8, seed=1, duration=6.0, window=3.0, alive=3.0)
+    result = run(tmp_path, "cma_es", init=CLONE, timesteps=10 * GENERATION, protocol=protocol)
     before, after = (load_policy(path).parts.weights for path in (CLONE, result.last))
     assert {name for name in before if not np.array_equal(before[name], after[name])} == {
         "action_net.weight",
@@ -39,7 +42,7 @@ def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
 
 def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
     def begin(name):
-        return run(tmp_path / name, "cma_es", init=CLONE, timesteps=4 * 6 * 3 * 250)
+        return run(tmp_path / name, "cma_es", init=CLONE, timesteps=4 * GENERATION)
 
     whole = begin("whole")
     killed_after(3, monkeypatch, lambda: begin("broken"))
