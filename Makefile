@@ -82,7 +82,7 @@ test-slow: $(INSTALLED)
 	$(PYTEST) -m "slow and not peers" $(TESTS)
 
 test-cpus: $(INSTALLED)
-	$(STUDY) processors $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
+	$(STUDY) processors $(CPUS) --pytest="-n $(WORKERS) --dist loadfile $(TESTS)"
 
 peers: $(PEERS)
 

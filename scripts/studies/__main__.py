@@ -5,11 +5,11 @@ from __future__ import annotations
 import importlib
 import sys
 
-from agents.cli.main import INTERRUPTED, REFUSED, run
+from agents.cli.main import REFUSED, run
 from rimless_gym.checks import MissingExtraError
 
-#: Modules of this package, by the names of the studies. Each has a function `main`, or one that
-#: has the study's name and its options.
+#: Modules of this package, by the names of the studies. Each has a function of the study's name,
+#: whose options are its parameters.
 STUDIES = {
     "assumptions": "assumptions",
     "benchmark": "benchmark.run",
@@ -38,22 +38,16 @@ def main() -> int:
     if name not in STUDIES:
         print(f"usage: python -m scripts.studies NAME ...; names: {', '.join(STUDIES)}")
         return 0 if name in ("-h", "--help") else 2
-    sys.argv[0] = f"python -m scripts.studies {name}"
     try:
         return run_study(name, arguments)
-    except MissingExtraError as error:
+    except MissingExtraError as error:  # of a study's own imports
         print(f"error: {error}", file=sys.stderr)
         return REFUSED
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
 
 
 def run_study(name: str, arguments: list[str]) -> int:
     """Run a study by its name."""
     module = importlib.import_module(f"scripts.studies.{STUDIES[name]}")
-    if hasattr(module, "main"):
-        return int(module.main(arguments))
     return run(getattr(module, name), arguments, f"python -m scripts.studies {name}")
 
 

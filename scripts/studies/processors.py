@@ -40,7 +40,7 @@ def processors(*, names: Names = (), pytest: str = "") -> int:
 
     Args:
         names: of processors; all by default.
-        pytest: arguments of pytest, in one string.
+        pytest: arguments of pytest, in one string: --pytest='-n 2 tests'.
     """
     results, features = {}, binding.get_host_cpu_features()
     for name in chosen(names, list(PROCESSORS)):

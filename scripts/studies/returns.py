@@ -1,14 +1,7 @@
-"""Measure the return of default episodes: baselines, laws, shipped policies, the front's best gait.
-
-Each walks the 100 episodes that reset(seed=0) to reset(seed=99) begin, as gym.make gives them.
-Prints the tables of docs/environment.md. It takes some ten minutes of one core, most of it for the
-receding horizon and the design of the tuned law. After Ctrl-C or a kill, the same command
-continues.
-"""
+"""The study `returns`: the tables of docs/environment.md."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from agents.cli.options import Count, MaybePath
 from agents.conditions import Conditions
 from agents.experts import EXPERT_SPEED
 from agents.policy_files import BASELINES, PRETRAINED, named_policy
@@ -58,26 +52,30 @@ MEANINGS = {"idle": "no voltage: rests", "random": "a uniformly random voltage i
 Row = dict[str, Any]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=EPISODES, help="of each policy")
-    parser.add_argument(
-        "--docs", type=Path, help="docs/environment.md, for the tables; writes returns.json, too"
-    )
-    parser.add_argument("--out", type=Path, default=Path("runs/returns"), help="folder")
-    options = parser.parse_args(arguments)
-    results = returns(options.out, options.episodes)
+def returns(
+    *, episodes: Count = EPISODES, out: Path = Path("runs/returns"), docs: MaybePath = None
+) -> int:
+    """Measure the return of default episodes: baselines, laws, policies, the front's best gait.
+
+    Each walks the episodes that reset(seed=0), reset(seed=1), ... begin, as gym.make gives them. It
+    takes some ten minutes of one core, most of it for the receding horizon and the design of the
+    tuned law. After Ctrl-C or a kill, the same command continues.
+
+    Args:
+        episodes: of each policy.
+        out: folder of the study.
+        docs: a page, docs/environment.md, to put the tables into; returns.json goes beside it.
+    """
+    results = all_returns(out, episodes)
     tables = sections(results)
-    if options.docs:
-        record = options.docs.with_name("returns.json")
-        record.write_text(json.dumps(results, indent=1) + "\n")
-        markdown.refresh(options.docs, MARKS, tables)
+    if docs:
+        docs.with_name("returns.json").write_text(json.dumps(results, indent=1) + "\n")
+        markdown.refresh(docs, MARKS, tables)
     print("\n".join(tables.values()))
     return 0
 
 
-def returns(folder: Path, count: int, names: Sequence[str] | None = None) -> dict[str, Any]:
+def all_returns(folder: Path, count: int, names: Sequence[str] | None = None) -> dict[str, Any]:
     """The rows of both environments' tables, as plain JSON values."""
     made_by = provenance(episodes=count)
     names = [*BASELINES, *laws.names(), *PRETRAINED, FRONT] if names is None else names

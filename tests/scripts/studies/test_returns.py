@@ -72,8 +72,8 @@ def test_the_return_of_a_gait_is_its_speed_times_the_weight_less_its_cost() -> N
 
 
 def test_a_study_that_was_interrupted_continues(tmp_path: Path) -> None:
-    first = returns.returns(tmp_path, 2, ["idle"])
-    rest = returns.returns(tmp_path, 2, ["idle", "random"])
+    first = returns.all_returns(tmp_path, 2, ["idle"])
+    rest = returns.all_returns(tmp_path, 2, ["idle", "random"])
     assert rest[WHEEL][0] == first[WHEEL][0]
     assert [row["name"] for row in rest[COMMANDED]] == ["idle", "random"]
     idle = returns.measured(BASELINES["idle"](0), Conditions(BUILDABLE), RECORDED["episodes"])
