@@ -39,11 +39,10 @@ own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage i
 for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
 can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
 speed there are all laws; at the others only the best law and its clone. Evolution, PPO and
-fine-tuning choose their own speed. PPO from screened policies, and
-the one policy for the front, which walks at commanded speeds, come with the package, for the
-default machine. "Best kept" is the policy with the best score in the periodic evaluations. Friction
-demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in
-weights; both are those of all starts that still take steps at the end."""
+fine-tuning choose their own speed. PPO from screened policies, and the one policy for the front,
+which walks at commanded speeds, come with the package, for the default machine. Friction demand is
+the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in weights; both are
+those of all starts that still take steps at the end."""
 
 #: Titles of the shipped policies' rows.
 FRONT_POLICY, SCREENED_PPO = "one policy for the front", "PPO from screened policies"
