@@ -28,8 +28,8 @@ from scripts.studies.thesis.problems import (
     TABLE_4_4,
     TABLE_4_5,
     TABLE_4_7,
+    CostWeights,
     Table,
-    Weights,
     from_state,
     least_final_swing,
     least_pull,
@@ -253,7 +253,7 @@ def case_of(key: Key) -> Case:
 def _case(
     experiment: int,
     printed: Sequence[Printed],
-    posed: tuple[WheelParams, Table, Weights, int],
+    posed: tuple[WheelParams, Table, CostWeights, int],
     effort: Effort = USUAL,
     *,
     quickest: bool = False,
@@ -269,7 +269,7 @@ def _case(
     )
 
 
-def _continued(params: WheelParams, table: Table, weights: Weights) -> Sequel:
+def _continued(params: WheelParams, table: Table, weights: CostWeights) -> Sequel:
     """A single step from where, by the impact law, the one before leads."""
     touchdown = HybridModel(params).functions["touchdown"]
 
@@ -281,7 +281,7 @@ def _continued(params: WheelParams, table: Table, weights: Weights) -> Sequel:
     return problem
 
 
-def _aimed(params: WheelParams, table: Table, weights: Weights) -> Sequel:
+def _aimed(params: WheelParams, table: Table, weights: CostWeights) -> Sequel:
     """A single step that ends where and when the first one of a solution does."""
 
     def problem(target: Extremal | None) -> Problem:
