@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 #: Where each learner is: module and class.
 LEARNERS = {
+    "cma_es": "agents.sb3.cma_es:CmaEs",
     "evolution": "agents.evolution.learner:Evolution",
     "ppo": "agents.sb3.learner:Ppo",
     "sac": "agents.sb3.learner:Sac",

@@ -167,6 +167,7 @@ class Rollout:
 
     Attributes:
         machines: of each walk, as drawn, N of them.
+        running: which walks have not ended, (M,); those for which the policy is called.
 
     Raises:
         TypeError: the policy gives no real numbers.
@@ -195,6 +196,7 @@ class Rollout:
         self._policy, self._n_intervals = policy, n_intervals
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
+        self.running = np.arange(len(starts))
 
     def command(self, speed: float | Floats) -> None:
         """Command another speed (m/s), one or one to each walk; it is observed an interval later.
@@ -208,8 +210,9 @@ class Rollout:
 
     def __iter__(self) -> Iterator[Interval]:
         envs, observations = self._envs, self._seen
-        states, running = envs.states, np.arange(envs.num_envs)
+        states = envs.states
         for _ in range(self._n_intervals):
+            running = self.running
             if len(running) == 0:
                 return
             now, seen = states[running], observations[running]
@@ -220,7 +223,7 @@ class Rollout:
             states = envs.states
             own = {name: values[running] for name, values in info.items()}
             yield Interval(running, now, seen, actions, own, states[running])
-            running = running[~fell[running]]
+            self.running = running[~fell[running]]
             if fell.any():  # a walk that has ended rests from then on, and does not stop the others
                 envs.reset(options={"mode": "double_stance", "reset_mask": fell})
 

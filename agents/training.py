@@ -254,7 +254,7 @@ def _new_learner(config: TrainingConfig, training: Training) -> Learner:
     if config.init in INITS:
         return kind(training)
     start = fitting_policy(config.init, training.conditions)
-    if start.algo != training.algo:
+    if not issubclass(kind, learner_class(start.algo)):
         raise CheckpointError(
             f"{config.init}: a policy of {start.algo}, which cannot start {training.algo}; use one "
             f"of {training.algo}"

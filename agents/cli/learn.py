@@ -46,7 +46,7 @@ def train(
     However it was stopped, the same command continues, and ends with the same policies.
 
     Args:
-        algo: learner: ppo, sac, screened_ppo or evolution
+        algo: learner: ppo, sac, screened_ppo, evolution, or cma_es, which fine-tunes
         init: scratch, imitation, or a policy's file to start from
         expert: what to imitate: a feedback law (see `rimless list`), or a policy's file to distil
         seed: of everything random
@@ -99,8 +99,7 @@ def compare(
     further: Positives = (0.56, 0.6),
     steps: Count = 1,
     seed: Whole = 0,
-    timesteps: Whole = 600_000,
-    further_timesteps: Whole = 0,
+    timesteps: Whole = 30_000_000,
     scratch_timesteps: Whole = 250_000,
     evolution_timesteps: Whole = 600_000_000,
     starts: Whole = 4,
@@ -110,7 +109,7 @@ def compare(
     """Compare learned with optimal cost of transport, at several speeds: the main job.
 
     Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
-    latter with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO and
+    latter with feedback, clones the feedback law, fine-tunes the clone with CMA-ES, trains PPO and
     evolution from scratch, and measures them all in the same way. Writes results.json, table.md,
     plots, an animation, and report.html. However it was stopped, the same command continues, and
     ends with the same table.
@@ -124,7 +123,6 @@ def compare(
         steps: of the gait, per stride
         seed: of everything random
         timesteps: control intervals of fine-tuning
-        further_timesteps: control intervals of fine-tuning at each of the further speeds
         scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each
         evolution_timesteps: control intervals of evolution
         starts: random starts of the search for the gait
@@ -145,7 +143,6 @@ def compare(
         steps=steps,
         seed=seed,
         timesteps=timesteps,
-        further_timesteps=further_timesteps,
         scratch_timesteps=scratch_timesteps,
         evolution_timesteps=evolution_timesteps,
         starts=starts,

@@ -19,7 +19,7 @@ from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, p
 from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
-from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
+from agents.learner import BEST, CLONE, IMITATION, INITS, SCRATCH
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import controller_policy, law_title
 from agents.training import TrainingConfig, train
@@ -100,11 +100,11 @@ def methods(study: Study) -> tuple[Method, ...]:
 
 
 def _holding(study: Study) -> Iterator[Method]:
-    """The best law at every speed, its clone, and the clone fine-tuned."""
+    """The best law at every speed, and its clone; the clone of the study's speed fine-tuned."""
     for speed in study.speeds:
         main = speed == study.speed
         end = "" if main else f"_{speed:g}"
-        law, clone, tuned = f"{EXPERT}{end}", f"imitation{end}", f"fine_tuned{end}"
+        law, clone = f"{EXPERT}{end}", f"imitation{end}"
         yield LawMethod(law, EXPERT, speed, ("held_front",))
         yield LearnedMethod(
             clone,
@@ -113,16 +113,15 @@ def _holding(study: Study) -> Iterator[Method]:
             after=(law,),
             speed=speed,
         )
-        if main or study.further_timesteps:
-            best = {"fine-tuned, best kept": BEST}
+        if main:
             yield LearnedMethod(
-                tuned,
+                "fine_tuned",
                 f"{clone}/{CLONE}",
-                best | {"fine-tuned, last": LAST} if main else best,
+                {"fine-tuned by CMA-ES": BEST},
                 after=(clone,),
-                speed=speed,
-                budget="timesteps" if main else "further_timesteps",
-                curve="fine-tuned" if main else None,
+                algo="cma_es",
+                budget="timesteps",
+                curve="fine-tuned by CMA-ES",
             )
 
 

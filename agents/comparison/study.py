@@ -21,10 +21,7 @@ from trajopt.ocp.ranking import tied
 from trajopt.store import Store
 
 #: The fields that are counts.
-_COUNTS = (
-    *("seed", "starts", "timesteps", "further_timesteps"),
-    *("scratch_timesteps", "evolution_timesteps"),
-)
+_COUNTS = (*("seed", "starts", "timesteps", "scratch_timesteps", "evolution_timesteps"),)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +37,6 @@ class Study:
         steps: of the gait that is searched for and reported beside the front's best.
         seed: of everything random.
         timesteps: control intervals of fine-tuning.
-        further_timesteps: control intervals of fine-tuning at each of the further speeds; 0: the
-            clones stay as they are.
         scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each.
         evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
@@ -60,8 +55,7 @@ class Study:
     further: tuple[float, ...] = (0.56, 0.60)
     steps: int = 1
     seed: int = 0
-    timesteps: int = 600_000
-    further_timesteps: int = 0
+    timesteps: int = 30_000_000
     scratch_timesteps: int = 250_000
     evolution_timesteps: int = 600_000_000
     starts: int = 4

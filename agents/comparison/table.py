@@ -38,12 +38,11 @@ and laws attains from each start; the best attainable lies between that and 100%
 own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is held for 10 ms:
 for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
 can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
-speed there are all laws; at the others only the best law and its clone (fine-tuned too with
-`--further-timesteps`). Evolution and PPO choose their own speed. PPO from screened policies, and
-the one policy for the front, which walks at commanded speeds, come with the package, for the
-default machine. "Best kept" is the policy with the best score in the periodic evaluations. Friction
-demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in
-weights; both are those of all starts that still take steps at the end."""
+speed there are all laws; at the others only the best law and its clone. Evolution, PPO and
+fine-tuning choose their own speed. PPO from screened policies, and the one policy for the front,
+which walks at commanded speeds, come with the package, for the default machine. Friction demand is
+the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in weights; both are
+those of all starts that still take steps at the end."""
 
 #: Titles of the shipped policies' rows.
 FRONT_POLICY, SCREENED_PPO = "one policy for the front", "PPO from screened policies"
@@ -55,7 +54,7 @@ HEADLINE = {
     "optimal, voltage held for 10 ms": "optimal gait (`optimum`)",
     "LQR about the optimum": "feedback law that holds it (`lqr`)",
     "imitation": "network cloned from the law (`imitation`)",
-    "fine-tuned, best kept": "clone fine-tuned by PPO (`fine_tuned`)",
+    "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
     FRONT_POLICY: "one network for every commanded speed (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
     SCREENED_PPO: "PPO that goes on from the best of random policies (`screened_ppo`)",

@@ -41,7 +41,7 @@ MARKS = markdown.marks("compare", tuple(PAGES))
 #: Row of the comparison -> the cells with which its line in a table over many seeds begins.
 STUDIED: Mapping[str, tuple[str, ...]] = {
     "imitation": ("imitation of the LQR",),
-    "fine-tuned, best kept": ("imitation, fine-tuned by PPO, best kept",),
+    "fine-tuned by CMA-ES": ("imitation, fine-tuned by CMA-ES",),
     FRONT_POLICY: ("imitation of a gain schedule", "0.62 m/s"),
     "evolution from scratch": ("evolution from scratch, best kept",),
     SCREENED_PPO: ("PPO from screened policies, best kept",),

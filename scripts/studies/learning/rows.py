@@ -21,9 +21,6 @@ KEPT = {"best kept": BEST, "last": LAST}
 CLONED = {"": CLONE}
 BEST_ONLY = {"": BEST}
 
-#: Control intervals of a fine-tuning, as in the comparison.
-FINE_TUNING = 600_000
-
 #: Demonstrations alone: one round, with as many labels and gradient steps as DAgger's eight.
 DEMONSTRATIONS = {"rounds": 1, "expert_starts": 1044, "gradient_steps": 6750}
 
@@ -69,9 +66,9 @@ ROWS = (
     IMITATED,
     StudyRow(
         "fine_tuned",
-        "imitation, fine-tuned by PPO",
+        "imitation, fine-tuned by CMA-ES",
         LEARNED,
-        Trained("ppo", IMITATION, FINE_TUNING, KEPT, start=Other(IMITATED, CLONE)),
+        Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(IMITATED, CLONE)),
     ),
     StudyRow("ppo", "PPO from scratch", LEARNED, Trained("ppo", files=KEPT)),
     StudyRow(
@@ -79,12 +76,6 @@ ROWS = (
     ),
     EVOLVED,
     DISTILLED,
-    StudyRow(
-        "distilled_tuned",
-        "distilled evolution, fine-tuned by PPO",
-        LEARNED,
-        Trained("ppo", IMITATION, FINE_TUNING, KEPT, start=Other(DISTILLED, CLONE)),
-    ),
     StudyRow(
         "weight_true",
         "the task's own weight, 0.5, and its penalties",

@@ -45,7 +45,7 @@ class Table:
 
 
 @dataclasses.dataclass(frozen=True)
-class Weights:
+class CostWeights:
     """A running cost: weights on the squares of phi, phi', theta, theta' and V."""
 
     phi: float
@@ -87,27 +87,27 @@ TABLE_4_7 = Table(
 )
 
 #: phi, phi', theta, theta', V
-COST_4_3 = Weights(0.0, 0.0, 0.0, 0.0, 1.0)
-COST_4_4 = Weights(0.01, 0.01, 0.01, 0.1, 100.0)
-COST_4_5 = Weights(0.01, 0.01, 0.01, 0.01, 100.0)
-COST_4_6 = Weights(0.1, 1.0, 1.0, 1.0, 1.0)
-COST_4_7 = Weights(0.1, 0.1, 1.0, 1.0, 1.0)
-COST_4_8 = Weights(0.1, 1.0, 0.1, 1.0, 1.0)
-COST_4_9 = Weights(0.1, 1.0, 0.1, 0.1, 1.0)
-COST_4_12 = Weights(1.0, 0.1, 0.1, 0.1, 1.0)
+COST_4_3 = CostWeights(0.0, 0.0, 0.0, 0.0, 1.0)
+COST_4_4 = CostWeights(0.01, 0.01, 0.01, 0.1, 100.0)
+COST_4_5 = CostWeights(0.01, 0.01, 0.01, 0.01, 100.0)
+COST_4_6 = CostWeights(0.1, 1.0, 1.0, 1.0, 1.0)
+COST_4_7 = CostWeights(0.1, 0.1, 1.0, 1.0, 1.0)
+COST_4_8 = CostWeights(0.1, 1.0, 0.1, 1.0, 1.0)
+COST_4_9 = CostWeights(0.1, 1.0, 0.1, 0.1, 1.0)
+COST_4_12 = CostWeights(1.0, 0.1, 0.1, 0.1, 1.0)
 
 
 #: m2 alone: the thesis's I2 does not depend on it.
 PENDULUM_MASS = Design.of("pendulum_mass")
 
 #: No running cost.
-NOTHING = Weights(0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING = CostWeights(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def steps(
     params: WheelParams,
     table: Table,
-    weights: Weights,
+    weights: CostWeights,
     count: int = 1,
     *,
     mass: tuple[float, float] | None = None,
@@ -128,7 +128,7 @@ def steps(
 def step(
     wheel: WheelPhases,
     table: Table,
-    weights: Weights,
+    weights: CostWeights,
     index: int = 0,
     count: int = 1,
     *,

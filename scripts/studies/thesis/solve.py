@@ -19,9 +19,7 @@ from trajopt.ocp.constraints import pair
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.guesses import Guess, Waypoints
 from trajopt.ocp.mesh import Mesh
-from trajopt.ocp.multi_start import Outcome, Search, multi_start
-from trajopt.ocp.problem import Problem
-from trajopt.ocp.ranking import least_first
+from trajopt.ocp.multi_start import Outcome, multi_start
 from trajopt.ocp.solve import WARM_BARRIER, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
 
@@ -41,9 +39,9 @@ def solved(case: Case, before: SolvedCase | None = None) -> SolvedCase:
     )
     if not search.optima:
         raise RuntimeError(f"experiment {case.experiment}, {case.variant}: {search.report()}")
-    best = _best(search, case.quickest)
+    best = search.optima[0].best
     extremal = solve(
-        of_durations(problem, best.phases) if case.quickest else problem,
+        problem,
         best.phases,
         search.mesh,
         parameters=best.parameters,
@@ -56,7 +54,10 @@ def solved(case: Case, before: SolvedCase | None = None) -> SolvedCase:
     return SolvedCase(
         key=case.key,
         extremal=extremal,
-        optima=tuple((o.cost, len(o.starts), _duration(o.best)) for o in search.optima),
+        optima=tuple(
+            (o.cost, len(o.starts), sum(phase.duration for phase in o.phases))
+            for o in search.optima
+        ),
         failed=len(search.failures),
         reaching=len(search.optima[0].starts),
         motion=motion,
@@ -68,28 +69,6 @@ def same(one: Outcome, other: Outcome) -> bool:
     """Whether two outcomes cost the same; then they count as one optimum."""
     relative, absolute = AS_GOOD
     return math.isclose(one.cost, other.cost, rel_tol=relative, abs_tol=absolute)
-
-
-def _best(search: Search, quickest: bool) -> Outcome:
-    """The best outcome; if `quickest`, the shortest of those that cost the same."""
-    best = search.optima[0]
-    if not quickest:
-        return best.best
-    return least_first((o for o in search.outcomes if o.index in best.starts), _duration)[0]
-
-
-def of_durations(problem: Problem, phases: Sequence[PhaseTrajectory]) -> Problem:
-    """The problem with durations fixed to a solution's.
-
-    Where many durations cost the same, a solver would drift from one to another.
-    """
-    pairs = zip(problem.phases, phases, strict=True)
-    fixed = [dataclasses.replace(phase, duration=found.duration) for phase, found in pairs]
-    return dataclasses.replace(problem, phases=tuple(fixed))
-
-
-def _duration(outcome: Outcome) -> float:
-    return sum(phase.duration for phase in outcome.phases)
 
 
 #: The largest errors of a converged case: of the mesh, the simulated states, the touchdowns (s).

@@ -1,0 +1,229 @@
+"""CMA-ES on the last layer of a network: from a policy that walks down to the optimum near it.
+
+Noise on actions is rectified: energy is drawn whichever way a current deviates, and none is fed
+back. Noise of a hundredth of the voltage limit costs a clone a tenth of its energy, and the policy
+that is best under noise is not the one that is best without. So the weights vary here, and every
+policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
+the last layer varies, in the directions in which the actions of the first policy's walks change
+most. What is minimised is the cost of transport of the steady walk, whatever its speed, and falls
+count by `agents.reward_weight.economy`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from agents.imitation import walk
+from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
+from agents.outcomes import WALKS, WindowTotals, outcomes
+from agents.reward_weight import economy
+from agents.rollout import Rollout, draw_starts, learned_policy
+from agents.sb3.learner import Ppo, architecture, put_weights, weights_of
+from rimless_gym.checks import extra
+from rimless_gym.hybrid import OK
+from trajopt.feedback.law import Floats
+
+#: Control intervals of a training, and policies of a generation.
+TIMESTEPS, POPULATION = 30_000_000, 16
+
+#: The last layer varies in the principal components of what it sees, down to this share of the
+#: first one's variance.
+LEAST_VARIANCE = 1e-4
+
+#: Standard deviation of the first generation in each of them: the root mean square of the change of
+#: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
+SPREAD = 0.0006
+
+#: Starts of a policy in each generation: the same from the first policy's gait, the same of those
+#: from which that one falls, and ordinary ones, always new.
+GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 8, 8
+
+#: Seconds of a walk, and those at its end over which it is measured.
+DURATION, WINDOW = 7.0, 4.0
+
+#: Ordinary starts, and seconds of their walks, that show the first policy's gait and its falls, and
+#: how many of its observations give the principal components.
+SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
+
+
+class CmaEs(Ppo):
+    """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
+
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        if training.conditions.commanded:
+            raise ValueError(
+                "algo = 'cma_es': lowers the cost whatever the speed; leave out speeds, or choose "
+                "another learner"
+            )
+        super().__init__(training, start)
+        self._search: LastLayer | None = None
+        self._scores: list[Floats] = []
+
+    @classmethod
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
+        """Those of PPO from a policy, with time steps of its own."""
+        if init == SCRATCH:
+            raise ValueError(
+                f"init = {init!r}: cma_es goes on from a policy that walks; begin from "
+                "'imitation', or from a policy's file"
+            )
+        return super().settings(init, {"n_timesteps": TIMESTEPS, **changes})
+
+    def learn(self, until: int, callback: Callback) -> None:
+        """Evolve until there have been `until` steps; a generation that was begun is ended.
+
+        Raises:
+            ValueError: the first policy does not walk.
+        """
+        search = self._begun()
+        while self.steps < until:
+            callback.on_iteration()
+            scores = search.scores(len(self._scores))
+            self._scores.append(scores)
+            search.tell(scores)
+            self._put(search.mean)
+            self.model.num_timesteps += search.intervals
+            callback.log.record("cma_es/score", float(np.median(scores)))
+            callback.log.record("cma_es/spread", search.spread)
+            callback.on_step()
+            callback.log.dump(self.steps)
+
+    def _begun(self) -> LastLayer:
+        """The search, at the generation to which its scores belong."""
+        if self._search is None:
+            self._search = LastLayer(self.training, self.model)
+            for scores in self._scores:
+                self._search.tell(scores)
+            self._put(self._search.mean)
+        return self._search
+
+    def _put(self, layer: Floats) -> None:
+        """Give the policy a last layer."""
+        net = self.model.policy.action_net
+        with torch.no_grad():
+            net.weight[0] = torch.from_numpy(layer[:-1])
+            net.bias[0] = layer[-1]
+
+    def state(self) -> dict[str, Any]:
+        """The first policy, and the scores so far, which bring the search to the same place."""
+        weights = {name: w.copy() for name, w in weights_of(self.model).items()}
+        if self._search is not None:
+            weights["action_net.weight"][0] = self._search.first[:-1]
+            weights["action_net.bias"][0] = self._search.first[-1]
+        kwargs = architecture(self.model)
+        first = {"policy_kwargs": kwargs, "weights": weights}
+        return {**first, "scores": self._scores, "steps": self.steps}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Begin the search with the first policy again, and send it the scores."""
+        if state["policy_kwargs"] != architecture(self.model):
+            self.model = self._new_model(state)
+        put_weights(self.model, state["weights"])
+        self.model.num_timesteps = int(state["steps"])
+        self._scores = list(state["scores"])
+        self._begun()
+
+
+class LastLayer:
+    """The search for a last layer: weights of H hidden features and a bias, (H + 1,).
+
+    Attributes:
+        first: the first policy's.
+        intervals: of control, in which a generation walks.
+
+    Raises:
+        ValueError: the first policy falls from all starts.
+    """
+
+    def __init__(self, training: Training, model: Any) -> None:
+        with extra("learn"):
+            import cma
+        self._conditions, self._seed = training.conditions, training.seed
+        net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
+        self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
+        period = self._conditions.control.period
+        self._lasting, self._window = round(DURATION / period), round(WINDOW / period)
+        starts = draw_starts(self._conditions.params, SHOWN_STARTS, (self._seed, 2))
+        first = learned_policy(lambda seen: self._features(seen) @ self.first)
+        shown = walk(self._conditions, first, starts, round(SHOWN / period), self._seed)
+        gait = shown.states[shown.when >= round(SHOWN / 2 / period)]
+        if not len(gait):
+            raise ValueError(
+                f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all of "
+                f"{SHOWN_STARTS} starts; begin from a policy that walks"
+            )
+        rng = np.random.default_rng((self._seed, 3))
+        fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
+        hard, usual = starts[fallen][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
+        self._starts = np.concatenate([hard, gait[rng.integers(len(gait), size=GAIT_STARTS)]])
+        shares = [fallen.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
+        self._shares = np.array(shares) / sum(shares)
+        self.intervals = POPULATION * len(shares) * self._lasting
+        some = rng.integers(len(shown.observations), size=OBSERVED)
+        features = self._features(shown.observations[some]).astype(np.float64)
+        values, vectors = np.linalg.eigh(features.T @ features / len(features))
+        large = values > LEAST_VARIANCE * values[-1]
+        self._basis = vectors[:, large] / np.sqrt(values[large])
+        options = {
+            "popsize": POPULATION,
+            "randn": lambda *shape: rng.standard_normal(shape),
+            "seed": np.nan,  # numpy's global generator stays as it is
+            "verbose": -9,
+        }
+        self._strategy = cma.CMAEvolutionStrategy(np.zeros(large.sum()), SPREAD, options)
+        self._drawn = np.array(self._strategy.ask())
+
+    def _features(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The hidden features and a one, (N, H + 1)."""
+        with torch.no_grad():
+            hidden = self._hidden(torch.from_numpy(observations)).numpy()
+        return np.concatenate([hidden, np.ones((len(hidden), 1), np.float32)], axis=1)
+
+    @property
+    def mean(self) -> Floats:
+        """The last layer to which the search has come, (H + 1,)."""
+        return self.first + self._basis @ self._strategy.mean
+
+    @property
+    def spread(self) -> float:
+        """The standard deviation of a generation, in units of that of the first."""
+        return float(self._strategy.sigma) / SPREAD
+
+    def tell(self, scores: Floats) -> None:
+        """Go on to the next generation, with the scores (POPULATION,) of this one."""
+        self._strategy.tell(list(self._drawn), list(-scores))
+        self._drawn = np.array(self._strategy.ask())
+
+    def scores(self, generation: int) -> Floats:
+        """The `economy` of each policy of this generation, (POPULATION,).
+
+        All walk from the same starts, those of the number `generation`.
+        """
+        layers = (self.first + self._drawn @ self._basis.T).astype(np.float32)
+        params = self._conditions.params
+        ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, 4, generation))
+        starts = np.tile(np.concatenate([self._starts, ordinary]), (POPULATION, 1))
+        whose = np.repeat(np.arange(POPULATION), len(self._shares))
+
+        def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
+            own = layers[whose[rollout.running]]
+            return np.asarray(np.einsum("nh,nh->n", self._features(observations), own))
+
+        rollout = Rollout(self._conditions, policy, starts, self._lasting, self._seed)
+        window, fallen = WindowTotals(rollout.machines), np.zeros(len(starts), dtype=bool)
+        steps = np.zeros(len(starts))
+        for k, interval in enumerate(rollout):
+            fallen[interval.running] = interval.info["failure"] != OK
+            if k >= self._lasting - self._window:
+                window.add(interval)
+                steps[interval.running] += interval.info["steps"]
+        walking = np.array([each == WALKS for each in outcomes(fallen, steps > 0, window)])
+        shares = (walking.reshape(POPULATION, -1) @ self._shares).tolist()
+        walks = [window.total(walking & (whose == k), params)[1] for k in range(POPULATION)]
+        cots = [each.cost_of_transport(params) for each in walks]
+        return np.array([economy(*each) for each in zip(shares, cots, strict=True)])

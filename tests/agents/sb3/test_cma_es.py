@@ -1,0 +1,63 @@
+"""CMA-ES on a network's last layer: it lowers the cost of a walk, and goes on after a kill."""
+
+import numpy as np
+import pytest
+
+from agents.evaluate import Protocol
+from agents.policy_files import PRETRAINED, load_policy
+from agents.sb3 import cma_es
+from tests.agents.runs import assert_same_policies, killed_after, run, weights
+
+CLONE = str(PRETRAINED["imitation"])
+
+#: Control intervals of a generation, as `short` has them.
+GENERATION = 16 * 4 * 400
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    for name, value in {
+        "POPULATION": 16,
+        "GAIT_STARTS": 2,
+        "HARD_STARTS": 1,
+        "ORDINARY_STARTS": 1,
+        "SHOWN_STARTS": 8,
+        "OBSERVED": 1000,
+        "DURATION": 4.0,
+        "WINDOW": 2.5,
+    }.items():
+        monkeypatch.setattr(cma_es, name, value)
+
+
+def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
+    protocol = Protocol(starts=8, seed=1, duration=6.0, window=3.0, alive=3.0)
+    result = run(tmp_path, "cma_es", init=CLONE, timesteps=10 * GENERATION, protocol=protocol)
+    before, after = (load_policy(path).parts.weights for path in (CLONE, result.last))
+    assert {name for name in before if not np.array_equal(before[name], after[name])} == {
+        "action_net.weight",
+        "action_net.bias",
+    }
+    assert min(each.cot for each in result.curve) < 0.995 * result.curve[0].cot
+
+
+def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
+    def begin(name):
+        return run(tmp_path / name, "cma_es", init=CLONE, timesteps=4 * GENERATION)
+
+    whole = begin("whole")
+    killed_after(3, monkeypatch, lambda: begin("broken"))
+    assert_same_policies(begin("broken"), whole)
+    assert not np.array_equal(weights(whole.last), weights(CLONE))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, "goes on from a policy that walks; begin from 'imitation'"),
+        ({"init": "imitation", "speeds": (0.5, 0.6)}, "leave out speeds"),
+        ({"init": "evolution"}, "a policy of evolution, which cannot start cma_es"),
+    ],
+)
+def test_what_it_cannot_begin_from_is_refused(tmp_path, changes, message):
+    with pytest.raises(ValueError, match=message):
+        run(tmp_path, "cma_es", **changes)
