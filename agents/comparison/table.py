@@ -178,7 +178,7 @@ def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, s
     head = (
         *("", "cost of transport", "over the least at any speed", "share of the best 20 s return"),
         *("starts that walk", "speed (m/s)", "over the best gait of 1 to 3 steps at its speed"),
-        "the same with ten seeds",
+        "the same over seeds",
     )
     lines = ["| " + " | ".join(head).lstrip() + " |", "|---" * len(head) + "|"]
     for title, meaning in HEADLINE.items():
