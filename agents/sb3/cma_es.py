@@ -39,8 +39,8 @@ LEAST_VARIANCE = 1e-4
 #: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
 SPREAD = 0.0006
 
-#: Starts of a policy in each generation: the same from the first policy's gait, the same of those
-#: from which that one falls, and ordinary ones, always new.
+#: Starts of each policy: on the first policy's gait, and at most so many from which it falls, the
+#: same in all generations; and ordinary ones, new in each.
 GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 8, 8
 
 #: Seconds of a walk, and those at its end over which it is measured.
