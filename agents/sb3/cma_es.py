@@ -54,6 +54,8 @@ SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 class CmaEs(Ppo):
     """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
 
+    takes_prior = False
+
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         if training.conditions.commanded:
             raise ValueError(
