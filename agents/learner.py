@@ -24,6 +24,7 @@ from rimless_gym.envs.task import Task
 
 if TYPE_CHECKING:
     from agents.imitation import CloneReport, Cloning
+    from agents.prior import Prior
 
 #: Where each learner is: module and class.
 LEARNERS = {
@@ -31,12 +32,14 @@ LEARNERS = {
     "evolution": "agents.evolution.learner:Evolution",
     "ppo": "agents.sb3.learner:Ppo",
     "sac": "agents.sb3.learner:Sac",
-    "screened_ppo": "agents.sb3.screened_ppo:ScreenedPpo",
 }
 
 #: What a training can begin from, besides a policy's file.
 SCRATCH, IMITATION = "scratch", "imitation"
 INITS = (SCRATCH, IMITATION)
+
+#: Whose hyperparameters a training with a prior has, whatever it begins from.
+PRIOR = "prior"
 
 #: The policies that a training leaves in its folder: the clone that it began with, the best in the
 #: periodic evaluations, and the last.
@@ -93,6 +96,7 @@ class Training:
         conditions: parameters, control, ranges and disturbances.
         task: the reward.
         settings: hyperparameters.
+        prior: see `agents.prior`; its name, before it is made; or None.
     """
 
     algo: str
@@ -101,6 +105,7 @@ class Training:
     conditions: Conditions
     task: Task
     settings: LearnerSettings
+    prior: Prior | str | None = None
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -111,6 +116,7 @@ class Training:
             "seed": self.seed,
             "task": dataclasses.asdict(self.task),
             "hyperparameters": self.settings.written,
+            **({} if self.prior is None else {"prior": str(self.prior)}),
             **self.conditions.to_dict(),
         }
 
@@ -161,6 +167,7 @@ class Learner(ABC):
     Attributes:
         default_settings: hyperparameters that `settings` changes.
         recommended: the file of a finished training whose policy to take.
+        takes_prior: whether it can train with a prior, see `agents.prior`.
         steps: time steps so far, all environments together; `learn` counts them.
 
     Raises:
@@ -169,6 +176,7 @@ class Learner(ABC):
 
     default_settings: ClassVar[LearnerSettings] = LearnerSettings()
     recommended: ClassVar[str] = BEST
+    takes_prior: ClassVar[bool] = False
     steps: int = 0
 
     @abstractmethod

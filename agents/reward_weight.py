@@ -50,17 +50,15 @@ def adapted_weight(
     floor: float,
     least_share: float = LEAST_SHARE,
     multiple: float = MULTIPLE,
-    margin: float = math.inf,
 ) -> float:
     """The next weight of distance; it never rises, and never falls below `floor`, the true weight.
 
-    It becomes `multiple` times the policy's cost of transport without exploration, at most `margin`
-    more than that, once `least_share` of the starts walk.
+    It becomes `multiple` times the policy's cost of transport without exploration, once
+    `least_share` of the starts walk.
     """
     if walking.share < least_share or not math.isfinite(walking.cot):
         return weight
-    aimed = min(multiple * walking.cot, walking.cot + margin)
-    return min(weight, max(aimed, floor))
+    return min(weight, max(multiple * walking.cot, floor))
 
 
 def economy(share: float, cot: float) -> float:

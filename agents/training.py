@@ -30,6 +30,7 @@ from agents.learner import (
     IMITATION,
     INITS,
     LAST,
+    PRIOR,
     SCRATCH,
     Learner,
     LearnerSettings,
@@ -37,6 +38,7 @@ from agents.learner import (
     learner_class,
 )
 from agents.policy_files import CheckpointError, origin, save_policy
+from agents.prior import LAW, Prior, law_prior
 from agents.reward_weight import economy
 from agents.rollout import Policy, learned_policy
 from rimless_gym.checks import extra, integer
@@ -83,6 +85,8 @@ class TrainingConfig:
         hyperparameters: that differ from the learner's own; or all of them, as its `settings`.
         expert: to imitate, see `agents.experts.expert_policy`.
         cloning: how, default `Cloning()`; or a dictionary of some of its fields.
+        prior: a prior of this machine, task and control period, see `agents.prior`; "law": that of
+            the usual expert; None: nothing is known.
         score: what "best" means, larger is better; default: `walking_economy`, or the reward
             where a speed is commanded.
         protocol: of the periodic evaluations.
@@ -101,6 +105,7 @@ class TrainingConfig:
     hyperparameters: LearnerSettings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
     expert: Controller | str = EXPERT
     cloning: Cloning | Mapping[str, Any] | None = None
+    prior: Prior | str | None = None
     score: Callable[[Evaluation], float] | None = None
     protocol: Protocol = TRAINING_PROTOCOL
 
@@ -122,21 +127,31 @@ class TrainingConfig:
                 f"init = {IMITATION!r}: {self.algo} cannot imitate; begin from {SCRATCH!r}, or "
                 "from a policy's file"
             )
+        if self.prior is not None and not kind.takes_prior:
+            raise ValueError(f"prior = {self.prior}: {self.algo} takes none; choose ppo")
         settings = self.hyperparameters
         if not isinstance(settings, LearnerSettings):
-            settings = kind.settings(self.init, settings)
+            settings = kind.settings(self.init if self.prior is None else PRIOR, settings)
         if self.timesteps is not None:
             integer("timesteps", self.timesteps, 0)
         conditions = Conditions.of(
             self.params, self.ranges, self.disturbances, self.speeds, self.control_period
         )
+        task = as_task(self.task, conditions.default_task)
+        if isinstance(self.prior, Prior):
+            self.prior.require(conditions.params, task, conditions.control.period)
+        elif self.prior not in (None, LAW):
+            raise ValueError(f"prior = {self.prior!r}: must be {LAW!r}, or a Prior of agents.prior")
+        elif self.prior is not None and conditions.commanded:
+            raise ValueError(f"prior = {LAW!r}: holds one gait; leave out speeds, or the prior")
         return Training(
             self.algo,
             self._start(),
             integer("seed", self.seed, 0, MAX_SEED),
             conditions,
-            as_task(self.task, conditions.default_task),
+            task,
             settings,
+            self.prior,
         )
 
     def _start(self) -> str:
@@ -229,6 +244,9 @@ def train(
         KeyboardInterrupt: the training was stopped.
     """
     out, training = Path(out), config.training()
+    if training.prior == LAW:
+        prior = law_prior(training.conditions, training.task, cache, progress)
+        training = dataclasses.replace(training, prior=prior)
     resumes = (out / STATE).exists()
     learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
     try:

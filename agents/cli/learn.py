@@ -38,6 +38,7 @@ def train(
     control_period: MaybePositive = None,
     settings: Fields = None,
     cloning: Fields = None,
+    prior: str | None = None,
 ) -> int:
     """Train a policy: from scratch, from a clone of a feedback law, or from a policy.
 
@@ -46,7 +47,7 @@ def train(
     However it was stopped, the same command continues, and ends with the same policies.
 
     Args:
-        algo: learner: ppo, sac, screened_ppo, evolution, or cma_es, which fine-tunes
+        algo: learner: ppo, sac, evolution, or cma_es, which fine-tunes
         init: scratch, imitation, or a policy's file to start from
         expert: what to imitate: a feedback law (see `rimless list`), or a policy's file to distil
         seed: of everything random
@@ -62,6 +63,7 @@ def train(
         control_period: how long an action is held (s); by default as in the environment
         settings: hyperparameters that differ from the learner's own: gamma=0.995
         cloning: how to imitate, fields of agents.imitation.Cloning: gait_labels=80000
+        prior: law: a feedback law's values shape the reward, and some walks begin on its way
     """
     from agents.learner import learner_class
     from agents.training import TrainingConfig
@@ -81,6 +83,7 @@ def train(
         hyperparameters=settings or {},
         expert=expert,
         cloning=cloning,
+        prior=prior,
     )
     config.training()  # what is refused here makes no folder
     require_folder(out)

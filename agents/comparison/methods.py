@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from agents.comparison.study import Setting, Study
-from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
+from agents.comparison.table import FRONT_POLICY, PPO_PRIOR, Row, gait_row, policy_row
 from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
@@ -37,7 +37,7 @@ from trajopt.store import jsonable
 Result: TypeAlias = dict[str, Any]
 
 #: The shipped policies; by the name alone, a file in the current folder would be loaded.
-FRONT_FILE, SCREENED_FILE = PRETRAINED["front"], PRETRAINED["screened_ppo"]
+FRONT_FILE, PRIOR_FILE = PRETRAINED["front"], PRETRAINED["ppo"]
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
 BETWEEN = (0.58, 0.61)
@@ -80,7 +80,7 @@ def methods(study: Study) -> tuple[Method, ...]:
             budget="scratch_timesteps",
             curve="PPO from scratch",
         ),
-        *screened_policy(study),
+        *prior_policy(study),
         LearnedMethod(
             "evolution",
             SCRATCH,
@@ -427,10 +427,10 @@ class ShippedMethod:
         ]
 
 
-def screened_policy(study: Study) -> tuple[ShippedMethod, ...]:
-    """The shipped policy of PPO from screened policies, if the study's machine is its own."""
-    own = load_policy(SCREENED_FILE).params == study.params
-    return (ShippedMethod(SCREENED_FILE, SCREENED_PPO),) if own else ()
+def prior_policy(study: Study) -> tuple[ShippedMethod, ...]:
+    """The shipped policy of PPO with the law as prior, if the study's machine is its own."""
+    own = load_policy(PRIOR_FILE).params == study.params
+    return (ShippedMethod(PRIOR_FILE, PPO_PRIOR),) if own else ()
 
 
 def front_policy(study: Study) -> tuple[ShippedMethod, ...]:

@@ -37,7 +37,7 @@ class Study:
         steps: of the gait that is searched for and reported beside the front's best.
         seed: of everything random.
         timesteps: control intervals of fine-tuning.
-        scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each.
+        scratch_timesteps: control intervals of PPO from scratch.
         evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
         front: least and greatest speed of the optimal front (m/s), enclosing the learned ones. A

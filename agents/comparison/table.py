@@ -39,13 +39,13 @@ own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage i
 for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
 can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
 speed there are all laws; at the others only the best law and its clone. Evolution, PPO and
-fine-tuning choose their own speed. PPO from screened policies, and the one policy for the front,
+fine-tuning choose their own speed. PPO with the law as prior, and the one policy for the front,
 which walks at commanded speeds, come with the package, for the default machine. Friction demand is
 the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in weights; both are
 those of all starts that still take steps at the end."""
 
 #: Titles of the shipped policies' rows.
-FRONT_POLICY, SCREENED_PPO = "one policy for the front", "PPO from screened policies"
+FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior"
 
 #: Rows of the headline: their titles, and what they are for somebody who reads nothing else, with
 #: the names by which `rimless watch` and `load_policy` know them.
@@ -57,8 +57,8 @@ HEADLINE = {
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
     FRONT_POLICY: "one network for every commanded speed (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
-    SCREENED_PPO: "PPO that goes on from the best of random policies (`screened_ppo`)",
-    "PPO from scratch": "PPO from nothing (`ppo`)",
+    PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
+    "PPO from scratch": "PPO from nothing, default settings",
 }
 
 
@@ -178,7 +178,7 @@ def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, s
     head = (
         *("", "cost of transport", "over the least at any speed", "share of the best 20 s return"),
         *("starts that walk", "speed (m/s)", "over the best gait of 1 to 3 steps at its speed"),
-        "the same with ten seeds",
+        "the same over seeds",
     )
     lines = ["| " + " | ".join(head).lstrip() + " |", "|---" * len(head) + "|"]
     for title, meaning in HEADLINE.items():

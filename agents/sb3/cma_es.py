@@ -39,8 +39,8 @@ LEAST_VARIANCE = 1e-4
 #: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
 SPREAD = 0.0006
 
-#: Starts of a policy in each generation: the same from the first policy's gait, the same of those
-#: from which that one falls, and ordinary ones, always new.
+#: Starts of each policy: on the first policy's gait, and at most so many from which it falls, the
+#: same in all generations; and ordinary ones, new in each.
 GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 8, 8
 
 #: Seconds of a walk, and those at its end over which it is measured.
@@ -53,6 +53,8 @@ SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 
 class CmaEs(Ppo):
     """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
+
+    takes_prior = False
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         if training.conditions.commanded:

@@ -15,8 +15,7 @@ from typing import Any
 import yaml
 from torch import nn
 
-from agents.learner import NO_CHANGES, SCRATCH, LearnerSettings, require_known
-from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
+from agents.learner import NO_CHANGES, PRIOR, SCRATCH, LearnerSettings, require_known
 from agents.sb3.wrappers import HeldActions, Wrapping
 from rimless_gym.checks import flag, integer, positive, real
 
@@ -29,7 +28,7 @@ ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 MOST_ENVS = 65_536
 
 #: What is not the algorithm's.
-ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "callback")
+ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "noise_held")
 
 #: Arguments of stable-baselines3's algorithms that are no hyperparameters here. Those after the
 #: first line are objects, need a state that is not saved, or change nothing learned.
@@ -48,9 +47,8 @@ PLAIN: dict[Any, Callable[[str, Any], Any]] = {
     bool: flag,
 }
 
-#: What `env_wrapper` and `callback` may list.
+#: What `env_wrapper` may list.
 _TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
-_ADAPTIVE = f"{AdaptiveRewardWeight.__module__}.{AdaptiveRewardWeight.__qualname__}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -61,7 +59,7 @@ class Hyperparameters(LearnerSettings):
         n_envs: environments side by side.
         wrappers: around them, from the inside out.
         episode_steps: control intervals of the longest episode; None: as the environment has them.
-        schedule: of the reward weight of distance; None: it stays that of the task.
+        noise_held: time steps for which the exploration noise stays as it is at first.
         algorithm: keyword arguments of the algorithm, `policy` among them.
         entry: as it was written, plain JSON values.
     """
@@ -69,7 +67,7 @@ class Hyperparameters(LearnerSettings):
     n_envs: int
     wrappers: tuple[Wrapping, ...] = ()
     episode_steps: int | None = None
-    schedule: WeightSchedule | None = None
+    noise_held: int = 0
     algorithm: dict[str, Any]
     entry: dict[str, Any]
 
@@ -103,17 +101,15 @@ def hyperparameters(
         if name in taken and taken[name].annotation in PLAIN:
             PLAIN[taken[name].annotation](name, value)
     entries = yaml.safe_load((FOLDER / file).read_text())
-    written = entries["RimlessWheel-v0" + "-imitation" * (init != SCRATCH)] | dict(changes)
+    entry = "RimlessWheel-v0" + {SCRATCH: "", PRIOR: "-prior"}.get(init, "-imitation")
+    if entry not in entries:
+        raise ValueError(f"{file}: has no entry {entry}; train without a prior, or use ppo")
+    written = entries[entry] | dict(changes)
     values = copy.deepcopy(written)
     limits = _listed(values, "env_wrapper")
     wrappers = _listed(values, "vec_env_wrapper")
-    callbacks = _listed(values, "callback")
-    for key, listed, known in (
-        ("env_wrapper", limits, _TIME_LIMIT),
-        ("callback", callbacks, _ADAPTIVE),
-    ):
-        if not listed.keys() <= {known}:
-            raise ValueError(f"{key}: lists {list(listed)}, and only {known} can be")
+    if not limits.keys() <= {_TIME_LIMIT}:
+        raise ValueError(f"env_wrapper: lists {list(limits)}, and only {_TIME_LIMIT} can be")
     n_envs = integer("n_envs", values.pop("n_envs"), 1, MOST_ENVS)
     n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
     episode_steps = limits.get(_TIME_LIMIT, {}).get("max_episode_steps")
@@ -127,7 +123,7 @@ def hyperparameters(
         n_envs=n_envs,
         wrappers=tuple((_imported(path), given) for path, given in wrappers.items()),
         episode_steps=episode_steps and integer("max_episode_steps", episode_steps, 1),
-        schedule=WeightSchedule(**callbacks[_ADAPTIVE]) if callbacks else None,
+        noise_held=integer("noise_held", values.pop("noise_held", 0), 0),
         algorithm=values,
         entry=written,
     )

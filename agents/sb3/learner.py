@@ -31,19 +31,25 @@ from agents.sb3.hyperparameters import (
     hyperparameters,
     policy_kwargs,
 )
-from agents.sb3.reward_weight import AdaptiveRewardWeight
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import training_env, wrapped
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import USUAL, Control
-from rimless_gym.envs.layout import COMMANDED_SIZE
+from rimless_gym.envs.layout import COMMANDED_SIZE, LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.envs.task import TERM_NAMES, Task
+from rimless_gym.hybrid import motor_voltage, relative_rate
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
+
+#: The rates in an observation, of the legs and the pendulum.
+RATES = slice(3, 5)
+
+#: A tanh of this times a share of the voltage limit is nearly linear.
+NEARLY_LINEAR = 0.5
 
 #: The entries of `info` whose sums are logged.
 LOGGED = (*TERM_NAMES, "distance", "elapsed", "electrical_positive", "idle")
@@ -113,6 +119,7 @@ class Sb3Learner(learner.Learner):
         model: that learns.
     """
 
+    takes_prior = True
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
 
@@ -130,13 +137,13 @@ class Sb3Learner(learner.Learner):
             training.seed,
             settings.wrappers,
             settings.episode_steps,
+            training.prior,
         )
-        self._adaptive: AdaptiveRewardWeight | None = None
-        if settings.schedule is not None:
-            self._adaptive = AdaptiveRewardWeight(**vars(settings.schedule))
         self.model = self._new_model({} if start is None else start.record)
         if start is not None:
             put_weights(self.model, start.weights)
+        if training.prior is not None:
+            begin_to_explore(self.actor(self.model), training)
 
     def _new_model(self, described: dict[str, Any]) -> Any:
         """A new model with the networks of the hyperparameters, or those that are described."""
@@ -193,20 +200,16 @@ class Sb3Learner(learner.Learner):
 
         Where there is a policy to start from, its actor stays as it is for a while.
         """
-        callbacks: list[BaseCallback] = []
-        if self._adaptive is not None:
-            callbacks.append(self._adaptive)
-        if self.training.init != SCRATCH:
-            callbacks.append(FreezeActor(self.actor(self.model), round(CRITIC_WARM_UP * until)))
-        self._learn(until, callback, callbacks)
-
-    def _learn(self, until: int, callback: Callback, callbacks: list[BaseCallback]) -> None:
-        """Learn with some callbacks, after those that every training has."""
-        model = self.model
-        model.set_logger(callback.log)
         figures = LogWalking(self.training.conditions.params, wrapped(self._env, Sb3VecEnv))
-        callbacks = [figures, Forward(callback), *callbacks]
-        model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
+        callbacks: list[BaseCallback] = [figures, Forward(callback)]
+        actor, settings = self.actor(self.model), self.training.settings
+        assert isinstance(settings, Hyperparameters)
+        if self.training.init == SCRATCH:
+            callbacks.append(HoldNoise(actor, settings.noise_held))
+        elif self.training.prior is None:
+            callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
+        self.model.set_logger(callback.log)
+        self.model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
 
     def parts(self) -> PolicyParts:
         """The networks' architecture and weights."""
@@ -214,17 +217,13 @@ class Sb3Learner(learner.Learner):
 
     def state(self) -> dict[str, Any]:
         """Model, environments and all random generators, between two roll-outs."""
-        adaptive = None if self._adaptive is None else self._adaptive.state()
-        kwargs = architecture(self.model)
-        return {"policy_kwargs": kwargs, "adaptive": adaptive, **model_state(self.model)}
+        return {"policy_kwargs": architecture(self.model), **model_state(self.model)}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         if state["policy_kwargs"] != architecture(self.model):
             self.model = self._new_model(state)
         restore_model(self.model, state)
-        if self._adaptive is not None:
-            self._adaptive.restore(state["adaptive"])
 
     def close(self) -> None:
         """Close the environments."""
@@ -277,6 +276,30 @@ class Sac(Sb3Learner):
         modules = actor.latent_pi, actor.mu
         weights = [weight for module in modules for weight in module.parameters()]
         return Actor(model, mean_action, weights, [], set_noise)
+
+
+def begin_to_explore(actor: Actor, training: Training) -> None:
+    """Let an untrained actor of tanh layers command about the back-EMF; give any other new noise.
+
+    At the back-EMF no current flows, and the pendulum swings freely; without a voltage the motor
+    brakes it.
+    """
+    if training.init != SCRATCH:
+        if actor.noise:
+            actor.set_noise(actor.model.policy.log_std_init)
+        return
+    params = training.conditions.params
+    p = params.constants
+    rates = relative_rate(LEG_RATE_SCALE, 0.0, p), relative_rate(0.0, PENDULUM_RATE_SCALE, p)
+    gains = torch.tensor([motor_voltage(rate, 0.0, p) / params.voltage_limit for rate in rates])
+    *hidden, last, _ = actor.weights  # a matrix and a bias for each layer
+    with torch.no_grad():
+        for weights in hidden:  # the first unit of each layer passes the voltage on
+            weights[0] = 0.0
+        hidden[0][0, RATES] = NEARLY_LINEAR * gains
+        for matrix in hidden[2::2]:
+            matrix[0, 0] = 1.0
+        last[0, 0] = 1.0 / NEARLY_LINEAR
 
 
 class LogWalking(BaseCallback):
@@ -337,6 +360,24 @@ class Forward(BaseCallback):
         return True
 
 
+class HoldNoise(BaseCallback):
+    """Keeps the exploration noise as it is for some time steps.
+
+    Noise costs energy, so learning makes it small long before the wheel leaves rest by itself.
+    """
+
+    def __init__(self, actor: Actor, until: int) -> None:
+        super().__init__()
+        self._actor, self._until = actor, until
+
+    def _on_rollout_start(self) -> None:
+        for parameter in self._actor.noise:
+            parameter.requires_grad_(self.num_timesteps >= self._until)
+
+    def _on_step(self) -> bool:
+        return True
+
+
 class FreezeActor(BaseCallback):
     """Keeps the actor as it is for some time steps, until the critic has learned what it is worth.
 
@@ -383,7 +424,7 @@ def model_state(model: Any) -> dict[str, Any]:
     """
     _, variables = model._get_torch_save_params()
     monitor, replay = wrapped(model.env, VecMonitor), getattr(model, "replay_buffer", None)
-    envs = wrapped(model.env, Sb3VecEnv).env.get_state()
+    envs = wrapped(model.env, Sb3VecEnv).native.get_state()
     return {
         "parameters": model.get_parameters(),
         "variables": {name: recursive_getattr(model, name) for name in variables},
@@ -419,8 +460,7 @@ def restore_model(model: Any, state: dict[str, Any]) -> None:
         recursive_getattr(model, name).data.copy_(value)
     for name, value in state["counters"].items():
         setattr(model, name, value)
-    # None, if it was saved before the first roll-out: while policies are screened.
-    model.ep_info_buffer = deque(state["episodes"] or (), maxlen=model._stats_window_size)
+    model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
     model._last_obs = state["last_observations"]
     model._last_episode_starts = state["last_starts"]
@@ -432,7 +472,7 @@ def restore_model(model: Any, state: dict[str, Any]) -> None:
     monitor = wrapped(model.env, VecMonitor)
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
-    envs, saved = wrapped(model.env, Sb3VecEnv).env, state["environments"]
+    envs, saved = wrapped(model.env, Sb3VecEnv).native, state["environments"]
     arrays = envs.get_state()["batch"] | saved["arrays"]
     envs.set_state({"batch": arrays, "generators": saved["generators"], "seen": saved["seen"]})
     generators = state["generators"]

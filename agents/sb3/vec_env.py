@@ -15,6 +15,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from agents.prior import PotentialShaping, ReferenceStarts
 from rimless_gym import (
     RimlessWheelSpeedEnv,
     RimlessWheelSpeedVectorEnv,
@@ -63,13 +64,15 @@ class Sb3VecEnv(VecEnv):
     `params` is one of them.
 
     Args:
-        envs: a native vector environment that resets in the same step; or functions that make
+        envs: a native vector environment that resets in the same step, perhaps with the wrappers
+            of `agents.prior`; or functions that make
             single environments, as for stable-baselines3's own classes. Native rows take their
             place. They may have different `params`. Time limits and Monitors, files included, keep
             their effect; other wrappers are refused.
 
     Attributes:
-        env: the native vector environment.
+        env: the native vector environment, perhaps with the wrappers of `agents.prior`.
+        native: the same without them.
         last_info: its `info` of the last step: the measurements as arrays (N,), those of rows that
             ended in it included.
 
@@ -88,7 +91,7 @@ class Sb3VecEnv(VecEnv):
         else:
             singles = [make() for make in envs]
             self.env = _gathered(singles)
-        native = self.env
+        native = self.native = self.env.unwrapped
         self._wrappers = [list(_wrappers_of(single)) for single in singles] or [
             []
         ] * native.num_envs
@@ -127,19 +130,6 @@ class Sb3VecEnv(VecEnv):
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
         return observations
-
-    def begin(
-        self, rows: NDArray[np.bool_], options: dict[str, Any] | None = None
-    ) -> NDArray[np.float32]:
-        """Begin new episodes of some rows (N,), whatever became of those under way.
-
-        Returns observations (N, 6 or 8) of all rows.
-        """
-        seen, columns = self.env.reset(options={**(options or {}), "reset_mask": rows})
-        for i in np.flatnonzero(rows).tolist():
-            self.reset_infos[i] = info_of_row(columns, i)
-        self._returns[rows], self._lengths[rows] = 0.0, 0
-        return seen
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Keep the actions (N, 1) for `step_wait`."""
@@ -199,7 +189,7 @@ class Sb3VecEnv(VecEnv):
         Raises:
             AttributeError: there is none.
         """
-        value = getattr(self.env, _NATIVE_NAMES.get(attr_name, attr_name))
+        value = getattr(self.native, _NATIVE_NAMES.get(attr_name, attr_name))
         each = isinstance(value, (tuple, np.ndarray)) and len(value) == self.num_envs
         return [value[i] if each else value for i in self._get_indices(indices)]
 
@@ -215,7 +205,7 @@ class Sb3VecEnv(VecEnv):
             return self.get_attr(args[0], indices)
         if method_name == "set_task":
             rows = list(self._get_indices(indices))
-            self.env.set_task(args[0], np.isin(np.arange(self.num_envs), rows))
+            self.native.set_task(args[0], np.isin(np.arange(self.num_envs), rows))
             return [None for _ in rows]
         raise NotImplementedError(
             f"env_method({method_name!r}): native rows share one environment; see the methods of "
@@ -232,16 +222,19 @@ class Sb3VecEnv(VecEnv):
         ]
 
 
-def _same_step(env: Any) -> RimlessWheelVectorEnv:
-    """The native environment, if its rows reset themselves in the step that ends an episode."""
-    if not isinstance(env, RimlessWheelVectorEnv):
+def _same_step(env: Any) -> Any:
+    """The environment, if its rows are native and reset in the step that ends an episode."""
+    native = env
+    while isinstance(native, PotentialShaping | ReferenceStarts):
+        native = native.env
+    if not isinstance(native, RimlessWheelVectorEnv):
         raise TypeError(
             f"{env}: must be the native environment, gym.make_vec('RimlessWheel-v0', ...), without "
             "wrappers; use stable-baselines3's (VecMonitor, VecNormalize, ...) around this one"
         )
-    if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+    if native.autoreset_mode is not AutoresetMode.SAME_STEP:
         raise ValueError(
-            f"autoreset_mode = {env.autoreset_mode}: stable-baselines3 wants the next episode's "
+            f"autoreset_mode = {native.autoreset_mode}: stable-baselines3 wants the next episode's "
             "first observation from the step that ended the last; make it with "
             "gym.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)"
         )

@@ -15,7 +15,7 @@ from typing import Any
 
 from agents.comparison.methods import LearnedMethod, methods
 from agents.comparison.study import Study
-from agents.comparison.table import FRONT_POLICY, HEADLINE, SCREENED_PPO, Row, headline
+from agents.comparison.table import FRONT_POLICY, HEADLINE, Row, headline
 from agents.policy_files import read_record
 from agents.reports import NONE, value_text
 from rimless_gym import Task
@@ -29,7 +29,6 @@ PICTURES = ("cot_against_speed.png", "learning_curves.png")
 POLICIES = {
     "imitation": "imitation/clone.zip",
     "fine_tuned": "fine_tuned/best.zip",
-    "ppo": "scratch/best.zip",
     "evolution": "evolution/best.zip",
     "distilled": "distilled/clone.zip",
 }
@@ -44,8 +43,6 @@ STUDIED: Mapping[str, tuple[str, ...]] = {
     "fine-tuned by CMA-ES": ("imitation, fine-tuned by CMA-ES",),
     FRONT_POLICY: ("imitation of a gain schedule", "0.62 m/s"),
     "evolution from scratch": ("evolution from scratch, best kept",),
-    SCREENED_PPO: ("PPO from screened policies, best kept",),
-    "PPO from scratch": ("PPO from scratch, best kept",),
 }
 
 #: Columns of the tables over many seeds.

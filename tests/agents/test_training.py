@@ -15,7 +15,7 @@ import torch
 
 from agents import training
 from agents.evaluate import evaluate
-from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts, learner_class
+from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.sb3 import learner as sb3
 from agents.training import Trainer, read_state, walking_economy
@@ -59,7 +59,7 @@ def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
     scores = iter([1, 3.0, 3.0, np.nan, *[0.0] * 20])
     result = run(tmp_path, score=lambda evaluation: next(scores))
     assert read_record(result.best)["score"] == 3.0
-    assert read_record(result.best)["timesteps"] == result.curve[1].intervals / 4
+    assert read_record(result.best)["timesteps"] == result.curve[1].intervals
     assert len(result.curve) == 5
 
 
@@ -75,23 +75,13 @@ def test_the_better_policy_walks_efficiently_and_from_more_starts():
 
 @pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, algo):
-    callback = learner_class(algo).settings("scratch").written["callback"]
-    [(name, arguments)] = callback[0].items()
-    checks = arguments | {"every": STEPS[algo] // 4, "starts": 4, "seconds": 0.5}
-    result = run(
-        tmp_path,
-        algo,
-        hyperparameters={"callback": [{name: checks}]},
-        params=BUILDABLE.replace(slope=-0.3),
-        protocol=SETTLED,
-    )
+    result = run(tmp_path, algo, params=BUILDABLE.replace(slope=-0.3), protocol=SETTLED)
     assert result.timesteps == STEPS[algo]
     assert {each.walking_share for each in result.curve} == {0.0}
     shown = scalars(tmp_path)
-    assert {event.value for event in shown["reward_weight/share"]} == {0.0}
     wanted = {"walk/return", "walk/speed", "walk/falls", "eval/objective"}
     assert wanted <= set(shown)
-    assert not {"eval/cot", "eval/speed", "reward_weight/cot"} & set(shown)
+    assert not {"eval/cot", "eval/speed"} & set(shown)
     assert all(np.isfinite(event.value) for events in shown.values() for event in events)
 
 
@@ -233,7 +223,7 @@ def test_a_folder_belongs_to_one_training_and_one_process(tmp_path):
         run(tmp_path, seed=1)
     with pytest.raises(ValueError, match="params"):
         run(tmp_path, params=PROTOTYPE)
-    with pytest.raises(ValueError, match=r"\{'gamma': 0\.99\}, not \{'gamma': 0\.98\}"):
+    with pytest.raises(ValueError, match=r"= \{\}, not \{'gamma': 0\.98\}"):
         run(tmp_path, hyperparameters={"gamma": 0.98})
     with Store(tmp_path), pytest.raises(ValueError, match="another process is working"):
         run(tmp_path)

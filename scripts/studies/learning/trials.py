@@ -5,31 +5,23 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents import Sb3VecEnv
 from agents.conditions import Conditions
-from agents.evaluate import COMMANDS, Evaluation, Protocol, evaluate, evaluate_commanded
+from agents.evaluate import Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
-from agents.learner import BEST, IMITATION, SCRATCH, learner_class
+from agents.learner import BEST, IMITATION, PRIOR, SCRATCH, learner_class
 from agents.outcomes import FALLS, WALKS, WindowTotals, outcomes
 from agents.policy_files import load_policy
-from agents.rollout import Policy, Rollout, draw_starts, learned_policy
-from agents.sb3.learner import NetworkPolicy
+from agents.rollout import Policy, Rollout, draw_starts
 from agents.training import TrainingConfig, train
-from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.presets import BUILDABLE
-
-with extra("learn"):
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.env_util import make_vec_env
 
 #: The outcomes of walks whose foot slips, in stance or as it touches down.
 SLIPS = ("slips", "slips_at_touchdown")
@@ -77,7 +69,7 @@ class StudyRow:
     name: str  # of its files, and on the command line
     title: str  # in the table
     table: str  # in which it stands, one of those of `rows`
-    trial: Trained | PlainPpo  # how a seed is trained and evaluated
+    trial: Trained  # how a seed is trained and evaluated
     enough: float = 0.95  # a seed walks if this share of its starts does
 
     def walks(self, policy: WalkFigures) -> bool:
@@ -112,11 +104,8 @@ class Trained:
     task: Mapping[str, float] = dataclasses.field(default_factory=dict)
     # in training, as the environment takes them
     disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    @property
-    def period(self) -> float:
-        """How long its policies hold an action (s)."""
-        return CONTROL_PERIOD
+    prior: str | None = None  # of the training; its hyperparameters are then those with a prior
+    period: float = CONTROL_PERIOD  # how long its policies hold an action (s)
 
     @property
     def needs(self) -> tuple[StudyRow, ...]:
@@ -137,7 +126,10 @@ class Trained:
             params=BUILDABLE,
             task=self.task,
             disturbances=self.disturbances,
-            hyperparameters=learner_class(self.algo).settings(self.init, self.hyperparameters),
+            hyperparameters=learner_class(self.algo).settings(
+                self.init if self.prior is None else PRIOR, self.hyperparameters
+            ),
+            prior=self.prior,
             **self._environment(),
         )
         if self.init == IMITATION and self.start is None:
@@ -171,14 +163,17 @@ class Following(Trained):
     changes: tuple[float, ...] = ()  # one after the other, every 10 s, in one walk (m/s)
 
     def _environment(self) -> dict[str, Any]:
-        return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
+        return {"speeds": self.speeds, "control_period": self.period}
 
     def evaluate(self, folder: Path, by: Protocol) -> Policies:
         """The policy at every command."""
         (file,) = self.files.values()
-        policy, period = load_policy(folder / file, BUILDABLE).policy, CONTROL_PERIOD
+        policy, period = load_policy(folder / file, BUILDABLE).policy, self.period
         walks = evaluate_commanded(policy, self.commands, BUILDABLE, by, control_period=period)
-        policies = _at_commands(self.commands, walks)
+        each = zip(self.commands, walks, strict=True)
+        policies = {f"{command:g} m/s": WalkFigures.of(evaluation) for command, evaluation in each}
+        if not self.changes:
+            return policies
         stretches = walk_through(policy, self.changes, by, control_period=period)
         for (before, _), (command, figures) in itertools.pairwise(stretches):
             policies[f"{command:g} m/s after {before:g}"] = figures
@@ -200,42 +195,6 @@ class Disturbed(Trained):
                 walks = evaluate(policy, BUILDABLE, by, disturbances=disturbances)
                 policies[f"{name}: {condition}"] = WalkFigures.of(walks)
         return policies
-
-
-@dataclasses.dataclass(frozen=True)
-class PlainPpo:
-    """PPO of stable-baselines3 on `RimlessWheelSpeed-v0`, every setting at its default.
-
-    A training that was stopped begins again: stable-baselines3 saves no state to go on from.
-    """
-
-    n_envs: int = 8  # environments side by side
-    timesteps: int = 500_000  # of all of them together
-    commands: tuple[float, ...] = COMMANDS  # the speeds at which the policy is evaluated (m/s)
-    needs: tuple[StudyRow, ...] = ()
-    period: float = PERIOD
-
-    def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
-        """Train, and evaluate the policy at every commanded speed."""
-        begun = time.process_time()
-        envs = make_vec_env(
-            "RimlessWheelSpeed-v0",
-            self.n_envs,
-            seed,
-            vec_env_cls=Sb3VecEnv,  # type: ignore[arg-type]
-            env_kwargs={"params": BUILDABLE},
-        )
-        model = PPO("MlpPolicy", envs, seed=seed, device="cpu").learn(self.timesteps)
-        minutes = (time.process_time() - begun) / 60.0
-        policy = learned_policy(NetworkPolicy(model))
-        walks = evaluate_commanded(policy, self.commands, BUILDABLE, by)
-        return SeedResult(_at_commands(self.commands, walks), model.num_timesteps, minutes)
-
-
-def _at_commands(commands: tuple[float, ...], walks: tuple[Evaluation, ...]) -> Policies:
-    """The figures of the same policy at several commands."""
-    each = zip(commands, walks, strict=True)
-    return {f"{command:g} m/s": WalkFigures.of(evaluation) for command, evaluation in each}
 
 
 def walk_through(

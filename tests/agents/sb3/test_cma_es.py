@@ -11,7 +11,7 @@ from tests.agents.runs import assert_same_policies, killed_after, run, weights
 CLONE = str(PRETRAINED["imitation"])
 
 #: Control intervals of a generation, as `short` has them.
-GENERATION = 16 * 4 * 400
+GENERATION = 16 * 4 * 300
 
 
 @pytest.fixture(autouse=True)
@@ -23,15 +23,15 @@ def short(monkeypatch):
         "ORDINARY_STARTS": 1,
         "SHOWN_STARTS": 8,
         "OBSERVED": 1000,
-        "DURATION": 4.0,
-        "WINDOW": 2.5,
+        "DURATION": 3.0,
+        "WINDOW": 2.0,
     }.items():
         monkeypatch.setattr(cma_es, name, value)
 
 
 def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
     protocol = Protocol(starts=8, seed=1, duration=6.0, window=3.0, alive=3.0)
-    result = run(tmp_path, "cma_es", init=CLONE, timesteps=10 * GENERATION, protocol=protocol)
+    result = run(tmp_path, "cma_es", init=CLONE, timesteps=8 * GENERATION, protocol=protocol)
     before, after = (load_policy(path).parts.weights for path in (CLONE, result.last))
     assert {name for name in before if not np.array_equal(before[name], after[name])} == {
         "action_net.weight",
@@ -42,10 +42,10 @@ def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
 
 def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
     def begin(name):
-        return run(tmp_path / name, "cma_es", init=CLONE, timesteps=4 * GENERATION)
+        return run(tmp_path / name, "cma_es", init=CLONE, timesteps=3 * GENERATION)
 
     whole = begin("whole")
-    killed_after(3, monkeypatch, lambda: begin("broken"))
+    killed_after(2, monkeypatch, lambda: begin("broken"))
     assert_same_policies(begin("broken"), whole)
     assert not np.array_equal(weights(whole.last), weights(CLONE))
 

@@ -5,10 +5,7 @@ from torch import nn
 
 from agents.learner import learner_class
 from agents.sb3.hyperparameters import FOLDER
-from agents.sb3.reward_weight import WeightSchedule
-from agents.sb3.wrappers import HeldActions, ScaledReward, StartUpPhase
-
-ADAPTIVE = "agents.sb3.reward_weight.AdaptiveRewardWeight"
+from agents.sb3.wrappers import HeldActions
 
 
 def settings(algo="ppo", init="scratch", **changes):
@@ -16,26 +13,20 @@ def settings(algo="ppo", init="scratch", **changes):
 
 
 def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
-    assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac", "screened_ppo"}
+    assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac"}
     for algo in ("ppo", "sac"):
-        fresh, tuned = settings(algo), settings(algo, "imitation")
-        assert (fresh.intervals_per_step, tuned.intervals_per_step, tuned.schedule) == (4, 1, None)
-        assert fresh.wrappers == ((HeldActions, {"intervals": 4}), (ScaledReward, {"scale": 1.0}))
-        assert fresh.schedule.first_weight == 5.0
-        assert not {"callback", "env_wrapper", "vec_env_wrapper"} & set(fresh.algorithm)
+        fresh, tuned, prior = (settings(algo, of) for of in ("scratch", "imitation", "prior"))
+        assert fresh.algorithm == {"policy": "MlpPolicy"}
+        assert prior.wrappers == ((HeldActions, {"intervals": 2}),)
+        assert [each.intervals_per_step for each in (fresh, tuned, prior)] == [1, 1, 2]
+        assert (fresh.episode_steps, prior.episode_steps) == (None, 500)
+        assert not {"env_wrapper", "vec_env_wrapper"} & set(prior.algorithm)
     assert settings("sac", "imitation").algorithm["policy_kwargs"]["activation_fn"] is nn.Tanh
-    screened = settings("screened_ppo")
-    assert screened.episode_steps == 1000
-    assert screened.wrappers == (
-        (StartUpPhase, {"intervals": 300, "travel": 0.2, "penalty": 0.1}),
-        (ScaledReward, {"scale": 10.0}),
-    )
 
 
 def test_some_values_of_an_entry_can_be_changed():
-    usual, other = settings(), settings(gamma=0.5, n_envs=3, callback=[ADAPTIVE])
+    usual, other = settings(init="prior"), settings(init="prior", gamma=0.5, n_envs=3)
     assert (other.n_envs, other.algorithm["gamma"]) == (3, 0.5)
-    assert other.schedule == WeightSchedule()
     assert other.algorithm["n_steps"] == usual.algorithm["n_steps"]
     assert other.written["gamma"] == 0.5  # so that a folder is known by it
 
@@ -53,9 +44,8 @@ def test_a_learning_rate_falls_linearly_to_0_at_the_end():
         ({"gamma": "x"}, TypeError, "gamma = 'x': must be a real number"),
         ({"learning_rate": -1.0}, ValueError, r"learning_rate = -1\.0: must be"),
         ({"learning_rate": "cos_1"}, ValueError, "learning_rate = 'cos_1': write lin_"),
-        ({"callback": ["gym.Other"]}, ValueError, r"callback: lists \['gym.Other'\]"),
+        ({"env_wrapper": ["gym.Other"]}, ValueError, r"env_wrapper: lists \['gym.Other'\]"),
         ({"vec_env_wrapper": ["agents.Other"]}, ValueError, "vec_env_wrapper: 'agents.Other'"),
-        ({"callback": [{ADAPTIVE: {"evry": 3}}]}, TypeError, "evry"),
     ],
 )
 def test_other_values_are_refused(changes, error, message):

@@ -212,18 +212,6 @@ def test_attributes_are_those_of_the_rows():
         env.env_method("compute_reward")
 
 
-def test_some_rows_can_begin_anew_while_the_others_walk_on():
-    env, rows = Sb3VecEnv(native(4)), np.array([False, True, False, True])
-    env.set_options({"state": (1.5, 0.1, 1.0, 0.0)})
-    env.reset()
-    walking = env.step(np.full((4, 1), 0.3, dtype=np.float32))[0]
-    begun = env.begin(rows, REST)
-    np.testing.assert_array_equal(begun[~rows], walking[~rows])
-    resting = gym.make(ID).reset(options=REST)[0]
-    np.testing.assert_array_equal(begun[rows], [resting] * 2)
-    assert [info["mode"] == DOUBLE for info in env.reset_infos] == rows.tolist()
-
-
 def test_the_native_environment_takes_commands_between_steps():
     envs = gym.make_vec(SPEED_ID, num_envs=3, autoreset_mode=AutoresetMode.SAME_STEP)
     env = Sb3VecEnv(envs)

@@ -20,7 +20,6 @@ from scripts.studies.learning.trials import (
     Disturbed,
     Following,
     Other,
-    PlainPpo,
     SeedResult,
     StudyRow,
     Trained,
@@ -109,7 +108,7 @@ def made_seeds():
 
 def test_where_nothing_walks_figures_are_missing_and_all_commands_have_a_line():
     nothing = WalkFigures(0.0, 1.0, 0.0, NAN, NAN)
-    row = StudyRow("plain", "plain", "first_evening", PlainPpo())
+    row = StudyRow("plain", "plain", "first_evening", Trained("ppo"))
     results = {row: [SeedResult({"0.5 m/s": nothing, "0.6 m/s": nothing}, 500, 1.0)]}
     (table,) = tables(results, lambda row, policy: None).values()
     assert table.splitlines()[2] == (
@@ -187,13 +186,6 @@ def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(
     monkeypatch.setattr(trials, "load_policy", lambda *_: load_policy("front"))
     policies = trial.evaluate(Path(), BRIEF)
     assert list(policies) == ["0.52 m/s", "0.6 m/s", "0.52 m/s after 0.6"]
-
-
-def test_plain_stable_baselines3_is_evaluated_at_every_command(tmp_path):
-    trial = PlainPpo(n_envs=1, timesteps=64, commands=(0.5,))
-    result = trial.run(0, tmp_path, {}, BRIEF)
-    assert list(result.policies) == ["0.5 m/s"]
-    assert result.steps >= 64
 
 
 def leaning(states, seen):

@@ -114,7 +114,8 @@ def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
     lines = (root / "README.md").read_text().splitlines()[4:-2]
     assert [line.split(" | ")[1:] for line in lines] == [
         ["-", "+20.0%", "75%", "95%", "0.600", "+10.0%", "- |"],  # of the study's own speed
-        *[["0.0500", "+20.0%", "75%", "95%", "0.600", "+10.0%", "+7 %, 9 of 10 walk |"]] * 4,
+        *[["0.0500", "+20.0%", "75%", "95%", "0.600", "+10.0%", "+7 %, 9 of 10 walk |"]] * 3,
+        ["0.0500", "+20.0%", "75%", "95%", "0.600", "+10.0%", "- |"],  # not trained over seeds
     ]
     once = contents(root)
     publish.publish(study=study)

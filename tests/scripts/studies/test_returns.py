@@ -42,11 +42,10 @@ def test_a_threshold_is_two_thirds_of_the_return_of_the_front(env: str) -> None:
     assert all(MEANS[env][name] < 0.0 for name in BASELINES)
 
 
-def test_laws_reach_the_threshold_and_a_leaning_policy_does_not() -> None:
+def test_laws_and_their_clone_reach_the_threshold() -> None:
     threshold = gym.spec(WHEEL).reward_threshold
     assert threshold is not None
     assert all(MEANS[WHEEL][name] > threshold for name in ("lqr", "sliding_mode", "imitation"))
-    assert MEANS[WHEEL]["ppo"] < threshold
 
 
 def test_the_documentation_pages_quote_the_table() -> None:

@@ -1,0 +1,132 @@
+"""A law as prior: the potential in the reward, the starts, and what does not fit."""
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.conditions import Conditions
+from agents.learner import Training, learner_class
+from agents.policy_files import load_policy
+from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
+from agents.rollout import draw_starts
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
+from rimless_gym.envs.layout import observe
+from rimless_gym.envs.task import TERM_NAMES
+from tests.agents.runs import assert_same_policies, config, killed_after, run
+
+N = 8
+STATES = draw_starts(BUILDABLE, 16, 3)
+PRIOR = Prior(
+    *("made up", BUILDABLE, Task(), 0.01, STATES),
+    potential=lambda seen: 0.1 * seen[:, 3] - 0.05 * seen[:, 2],
+    fallen=-1.0,
+)
+
+
+def envs(**arguments):
+    usual = {"max_episode_steps": 50, "autoreset_mode": "SameStep"}
+    return gym.make_vec("RimlessWheel-v0", num_envs=N, **(usual | arguments))
+
+
+@pytest.mark.parametrize("voltage", [0.0, 1.0])
+def test_over_an_episode_the_reward_grows_by_the_change_of_the_potential(voltage):
+    env = PotentialShaping(envs(max_episode_steps=200), PRIOR)
+    seen, _ = env.reset(seed=1)
+    first, gained, ended = PRIOR.at(seen), np.zeros(N), np.zeros(N, dtype=bool)
+    falls = 0
+    for _ in range(200):
+        seen, rewards, fell, timed_out, info = env.step(np.full((N, 1), voltage))
+        gained += np.where(ended, 0.0, rewards - sum(info[name] for name in TERM_NAMES))
+        for i in np.flatnonzero((fell | timed_out) & ~ended):
+            last = PRIOR.fallen if fell[i] else PRIOR.at(info["final_obs"][i][None])[0]
+            assert gained[i] == pytest.approx(last - first[i], abs=1e-6)
+            falls += fell[i]
+        ended |= fell | timed_out
+    assert ended.all()
+    assert (falls > 0) == (voltage > 0)
+
+
+def test_a_share_of_the_episodes_begins_in_the_priors_states():
+    own = {tuple(row) for row in observe(BUILDABLE, STATES).tolist()}
+    env = ReferenceStarts(envs(max_episode_steps=5), PRIOR)
+    starts = [*env.reset(seed=2)[0]]
+    for step in range(1, 201):
+        seen = env.step(np.zeros((N, 1)))[0]
+        starts += [*seen] if step % 5 == 0 else []
+    begun = np.mean([tuple(row) in own for row in np.array(starts).tolist()])
+    assert abs(begun - SHARE) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"params": THESIS_PHYSICAL}, "params = .*, not .*; make another"),
+        ({"task": {"distance_weight": 0.3}}, "task = .*, not .*; make another"),
+        ({"control_period": 0.02}, "period = 0.01, not 0.02"),
+        ({"autoreset_mode": "NextStep"}, "SAME_STEP"),
+    ],
+)
+def test_another_environment_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        PotentialShaping(envs(**arguments), PRIOR)
+    with pytest.raises(ValueError, match=message):
+        ReferenceStarts(envs(**arguments), PRIOR)
+
+
+def test_what_is_no_prior_is_refused():
+    broken = dataclasses.replace(PRIOR, potential=lambda seen: np.full(len(seen), np.nan))
+    env = PotentialShaping(envs(), broken)
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=r"8 observations .*not finite"):
+        env.step(np.zeros((N, 1)))
+    with pytest.raises(ValueError, match="prior = 'imitation': must be 'law'"):
+        config(prior="imitation").training()
+    with pytest.raises(ValueError, match="evolution takes none"):
+        config("evolution", prior=PRIOR).training()
+    with pytest.raises(ValueError, match="task = "):
+        config(prior=PRIOR, task={"distance_weight": 0.3}).training()
+    with pytest.raises(ValueError, match="leave out speeds"):
+        config(prior="law", speeds=(0.5, 0.6)).training()
+
+
+def test_an_untrained_policy_lets_the_pendulum_swing_freely():
+    conditions, kind = Conditions(), learner_class("ppo")
+    settings = kind.settings("prior", {"n_envs": 2})
+    learner = kind(Training("ppo", "scratch", 0, conditions, Task(), settings, PRIOR))
+    p = BUILDABLE.constants
+    volts = BUILDABLE.voltage_limit * learner.act(observe(BUILDABLE, STATES))
+    rates = hybrid.relative_rate(STATES[:, 2], STATES[:, 3], p)
+    currents = hybrid.motor_current(rates, volts, p)
+    stalled = hybrid.motor_current(0.0, BUILDABLE.voltage_limit, p)
+    assert np.abs(currents).max() < 0.05 * stalled
+    learner.close()
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_killed_a_training_with_a_prior_ends_with_the_same_policies(tmp_path, monkeypatch, algo):
+    whole = run(tmp_path / "whole", algo, prior=PRIOR)
+    killed_after(70, monkeypatch, lambda: run(tmp_path / "killed", algo, prior=PRIOR))
+    assert_same_policies(whole, run(tmp_path / "killed", algo, prior=PRIOR))
+
+
+def test_noise_is_held_then_learned_and_large_again_in_a_training_that_continues(tmp_path):
+    def noise(name, held, **changes):
+        changes |= {"prior": PRIOR, "hyperparameters": {"noise_held": held}}
+        last = run(tmp_path / name, **changes).last
+        return last, load_policy(last).parts.weights["log_std"][0]
+
+    usual = learner_class("ppo").settings("prior").algorithm["policy_kwargs"]["log_std_init"]
+    (_, held), (last, learned) = noise("held", 600), noise("learned", 300)
+    assert held == np.float32(usual) != learned
+    assert noise("more", 600, init=str(last), timesteps=0)[1] == np.float32(usual)
+
+
+@pytest.mark.slow
+def test_the_laws_potential_rises_along_its_walks():
+    prior = law_prior(Conditions(), Task())
+    hanging, moving = draw_starts(BUILDABLE, 64, 9), prior.states[-64:]
+    low, high = prior.at(observe(BUILDABLE, hanging)), prior.at(observe(BUILDABLE, moving))
+    assert low.mean() < high.mean() - 0.3
+    assert prior.fallen < low.min()
