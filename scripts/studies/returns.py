@@ -22,6 +22,7 @@ from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import MIDDLE_SPEED, SPEED_SCALE
 from rimless_gym.envs.speed import SPEEDS, TASK
 from rimless_gym.envs.task import USUAL_TASK
+from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from scripts.studies.documents import markdown
@@ -92,13 +93,16 @@ def all_returns(folder: Path, count: int, names: Sequence[str] | None = None) ->
 
 
 def measured(policy: Policy, conditions: Conditions, count: int) -> Row:
-    """Mean and standard deviation of the returns, and the share of episodes that end early."""
+    """Means and standard deviation of the returns, and the share of episodes that end early."""
     envs = conditions.envs(count, max_episode_steps=conditions.control.episode_steps)
-    walked = episodes(envs, policy)
+    walked = episodes(envs, policy, keep=["mode"])
     totals = np.array([one.total for one in walked])
+    rests = np.array([one.infos["mode"][0] == DOUBLE for one in walked])
+    kinds = {"rest": totals[rests], "motion": totals[~rests]}
     early = np.mean([one.terminations[-1] for one in walked])
     return {
         "mean": float(totals.mean()),
+        **{kind: float(some.mean()) for kind, some in kinds.items() if some.size},
         "spread": float(totals.std(ddof=1)),
         "early": float(early),
     }
@@ -174,16 +178,20 @@ def _table(env: str, results: Mapping[str, Any]) -> str:
     lines = [
         [_title(row, results), f"{row['mean']:.2f}"]
         + (
-            ["", ""]
+            [""] * 4
             if row["name"] == FRONT
-            else [f"{row['spread']:.2f}", f"{100 * row['early']:.0f} %"]
+            else [
+                *(f"{row[kind]:.2f}" for kind in ("rest", "motion")),
+                *(f"{row['spread']:.2f}", f"{100 * row['early']:.0f} %"),
+            ]
         )
         for row in sorted(results[env], key=lambda row: float(row["mean"]))
     ]
     lines.append(
-        ["`reward_threshold`: two thirds of the front's", f"{spec.reward_threshold:g}", "", ""]
+        ["`reward_threshold`: two thirds of the front's", f"{spec.reward_threshold:g}", *[""] * 4]
     )
-    return markdown.table(["policy", "return, mean (m)", "standard deviation", "end early"], lines)
+    head = ["policy", "return, mean (m)", "from rest", "in motion", "standard deviation"]
+    return markdown.table([*head, "end early"], lines)
 
 
 def _title(row: Mapping[str, Any], results: Mapping[str, Any]) -> str:
