@@ -128,6 +128,7 @@ class Sb3Learner(learner.Learner):
         settings = training.settings
         if not isinstance(settings, Hyperparameters):
             raise TypeError(f"settings = {settings!r}: must be agents.sb3 Hyperparameters")
+        assert not isinstance(training.prior, str)  # `agents.training.train` makes it
         self.training = training
         self._arguments = settings.algorithm
         self._env = training_env(
