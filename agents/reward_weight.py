@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-#: The weight is this multiple of the cost of transport, by default.
+#: The weight is this multiple of the cost of transport.
 MULTIPLE = 2.0
 
 #: Share of starts that must walk before the weight falls.
@@ -44,21 +44,15 @@ class CleanWalking(NamedTuple):
 NO_WALK = CleanWalking(0.0, math.inf, 0.0)
 
 
-def adapted_weight(
-    weight: float,
-    walking: CleanWalking,
-    floor: float,
-    least_share: float = LEAST_SHARE,
-    multiple: float = MULTIPLE,
-) -> float:
+def adapted_weight(weight: float, walking: CleanWalking, floor: float) -> float:
     """The next weight of distance; it never rises, and never falls below `floor`, the true weight.
 
-    It becomes `multiple` times the policy's cost of transport without exploration, once
-    `least_share` of the starts walk.
+    It becomes `MULTIPLE` times the policy's cost of transport without exploration, once
+    `LEAST_SHARE` of the starts walk.
     """
-    if walking.share < least_share or not math.isfinite(walking.cot):
+    if walking.share < LEAST_SHARE or not math.isfinite(walking.cot):
         return weight
-    return min(weight, max(multiple * walking.cot, floor))
+    return min(weight, max(MULTIPLE * walking.cot, floor))
 
 
 def economy(share: float, cot: float) -> float:

@@ -73,7 +73,7 @@ class TrainingConfig:
         algo: name of a learner, one of `agents.learner.LEARNERS`.
         init: "scratch", "imitation" (clone `expert` first), or a policy's file to start from.
         seed: of everything random, from 0 to 2**32 - 1. The same seed gives the same policy.
-        timesteps: environment steps in all; default: those of the hyperparameters. A finished
+        timesteps: time steps in all; default: those of the hyperparameters. A finished
             training goes on if more are asked for.
         params: the wheel's parameters, as the environment takes them.
         task: the reward, default: that of the environment; or a dictionary of some of its fields.
@@ -128,7 +128,7 @@ class TrainingConfig:
                 "from a policy's file"
             )
         if self.prior is not None and not kind.takes_prior:
-            raise ValueError(f"prior = {self.prior}: {self.algo} takes none; choose ppo")
+            raise ValueError(f"prior = {self.prior}: {self.algo} takes none; choose ppo or sac")
         settings = self.hyperparameters
         if not isinstance(settings, LearnerSettings):
             settings = kind.settings(self.init if self.prior is None else PRIOR, settings)
@@ -144,6 +144,10 @@ class TrainingConfig:
             raise ValueError(f"prior = {self.prior!r}: must be {LAW!r}, or a Prior of agents.prior")
         elif self.prior is not None and conditions.commanded:
             raise ValueError(f"prior = {LAW!r}: holds one gait; leave out speeds, or the prior")
+        if self.prior is not None and self.init == IMITATION:
+            raise ValueError(
+                f"init = {self.init!r}, prior = {self.prior}: a clone needs no prior; leave out one"
+            )
         return Training(
             self.algo,
             self._start(),
@@ -232,7 +236,7 @@ def train(
     Args:
         config: what to train.
         out: folder; new, or that of the same training.
-        cache: folder of the experts' gaits and plans, which other trainings use too.
+        cache: folder of the experts' gaits and start-up controllers, which other trainings use too.
         progress: whether to show progress bars.
 
     Raises:

@@ -126,7 +126,7 @@ def compare(
         steps: of the gait, per stride
         seed: of everything random
         timesteps: control intervals of fine-tuning
-        scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each
+        scratch_timesteps: control intervals of PPO from scratch
         evolution_timesteps: control intervals of evolution
         starts: random starts of the search for the gait
         front: speeds of the optimal front (m/s)

@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
@@ -286,7 +286,7 @@ class LawMethod:
     """A feedback law that holds the environment's best gait nearest to a speed.
 
     Attributes:
-        name, after: see `Method`. The first law for a gait plans the start-up for all.
+        name, after: see `Method`. The first law for a gait computes the start-up for all.
         law: one of `trajopt.feedback.laws.names()`.
         speed: one of the study's (m/s).
     """
@@ -388,13 +388,12 @@ class ShippedMethod:
     Attributes:
         file, title: of the policy, and of its rows.
         commands: speeds at which it walks (m/s); none: it chooses its speed itself.
-        after: see `Method`.
     """
 
     file: Path
     title: str
     commands: tuple[float, ...] = ()
-    after: tuple[str, ...] = ()
+    after: ClassVar[tuple[str, ...]] = ()
 
     @property
     def name(self) -> str:

@@ -21,7 +21,7 @@ from trajopt.ocp.ranking import tied
 from trajopt.store import Store
 
 #: The fields that are counts.
-_COUNTS = (*("seed", "starts", "timesteps", "scratch_timesteps", "evolution_timesteps"),)
+_COUNTS = ("seed", "starts", "timesteps", "scratch_timesteps", "evolution_timesteps")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,7 +19,15 @@ import torch
 from numpy.typing import NDArray
 
 from agents.imitation import walk
-from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
+from agents.learner import (
+    NO_CHANGES,
+    SCRATCH,
+    Callback,
+    LearnerSettings,
+    PolicyParts,
+    Training,
+    require_known,
+)
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
@@ -74,13 +82,14 @@ class CmaEs(Ppo):
                 f"init = {init!r}: cma_es goes on from a policy that walks; begin from "
                 "'imitation', or from a policy's file"
             )
+        require_known(changes, ["n_timesteps", "policy_kwargs"])
         return super().settings(init, {"n_timesteps": TIMESTEPS, **changes})
 
     def learn(self, until: int, callback: Callback) -> None:
         """Evolve until there have been `until` steps; a generation that was begun is ended.
 
         Raises:
-            ValueError: the first policy does not walk.
+            ValueError: the first policy falls from all starts.
         """
         search = self._begun()
         while self.steps < until:

@@ -59,7 +59,8 @@ class Hyperparameters(LearnerSettings):
         n_envs: environments side by side.
         wrappers: around them, from the inside out.
         episode_steps: control intervals of the longest episode; None: as the environment has them.
-        noise_held: time steps for which the exploration noise stays as it is at first.
+        noise_held: time steps at the beginning of a training from scratch for which the exploration
+            noise stays as it is.
         algorithm: keyword arguments of the algorithm, `policy` among them.
         entry: as it was written, plain JSON values.
     """
@@ -102,8 +103,6 @@ def hyperparameters(
             PLAIN[taken[name].annotation](name, value)
     entries = yaml.safe_load((FOLDER / file).read_text())
     entry = "RimlessWheel-v0" + {SCRATCH: "", PRIOR: "-prior"}.get(init, "-imitation")
-    if entry not in entries:
-        raise ValueError(f"{file}: has no entry {entry}; train without a prior, or use ppo")
     written = entries[entry] | dict(changes)
     values = copy.deepcopy(written)
     limits = _listed(values, "env_wrapper")

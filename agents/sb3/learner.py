@@ -199,7 +199,7 @@ class Sb3Learner(learner.Learner):
     def learn(self, until: int, callback: Callback) -> None:
         """Learn until there have been `until` steps; a roll-out that was begun is ended.
 
-        Where there is a policy to start from, its actor stays as it is for a while.
+        Without a prior, the actor of a policy to start from stays as it is for a while.
         """
         figures = LogWalking(self.training.conditions.params, wrapped(self._env, Sb3VecEnv))
         callbacks: list[BaseCallback] = [figures, Forward(callback)]

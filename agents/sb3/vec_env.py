@@ -65,10 +65,10 @@ class Sb3VecEnv(VecEnv):
 
     Args:
         envs: a native vector environment that resets in the same step, perhaps with the wrappers
-            of `agents.prior`; or functions that make
-            single environments, as for stable-baselines3's own classes. Native rows take their
-            place. They may have different `params`. Time limits and Monitors, files included, keep
-            their effect; other wrappers are refused.
+            of `agents.prior`; or functions that make single environments, as for
+            stable-baselines3's own classes. Native rows take their place. They may have different
+            `params`. Time limits and Monitors, files included, keep their effect; other wrappers
+            are refused.
 
     Attributes:
         env: the native vector environment, perhaps with the wrappers of `agents.prior`.
@@ -200,13 +200,9 @@ class Sb3VecEnv(VecEnv):
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call `get_wrapper_attr` or `set_task`; a row has no other method of its own."""
+        """Call `get_wrapper_attr`; a row has no other method of its own."""
         if method_name == "get_wrapper_attr":
             return self.get_attr(args[0], indices)
-        if method_name == "set_task":
-            rows = list(self._get_indices(indices))
-            self.native.set_task(args[0], np.isin(np.arange(self.num_envs), rows))
-            return [None for _ in rows]
         raise NotImplementedError(
             f"env_method({method_name!r}): native rows share one environment; see the methods of "
             "Sb3VecEnv.env"

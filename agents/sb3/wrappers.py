@@ -57,7 +57,7 @@ def wrapped(env: Any, kind: type[_Kind]) -> _Kind:
     layer = env
     while not isinstance(layer, kind):
         if not isinstance(layer, VecEnvWrapper):
-            raise TypeError(f"{env}: has no {kind.__name__}; list it in vec_env_wrapper")
+            raise TypeError(f"{env}: has no {kind.__name__}")
         layer = layer.venv
     return layer
 

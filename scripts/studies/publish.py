@@ -66,6 +66,7 @@ ORIGINS = {
     "imitation of evolution": "A network cloned from the evolved policy: no gait was given.",
     "imitation": "A clone of the LQR about the environment's own optimum.",
     "scratch": "Learned from nothing: no gait, no demonstration.",
+    "ppo policy": "A clone of the LQR, whose last layer CMA-ES varied.",
 }
 
 

@@ -85,7 +85,7 @@ def all_returns(folder: Path, count: int, names: Sequence[str] | None = None) ->
         for name in bar:
             bar.set_postfix_str(name)
             if name not in store:
-                rows = _front_rows() if name == FRONT else _rows(name, count)
+                rows = _front_rows(count) if name == FRONT else _rows(name, count)
                 store.save(name, list(rows))
             for env, row in store.load(name):
                 tables[env].append(row)
@@ -121,10 +121,10 @@ def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
         yield COMMANDED, {"name": name} | measured(BASELINES[name](0), _commanded(), count)
 
 
-def _front_rows() -> Iterator[tuple[str, Row]]:
+def _front_rows(count: int) -> Iterator[tuple[str, Row]]:
     """The returns of the front's gaits, walked from an episode's beginning to its end."""
     best = best_gait()
-    observations, _ = _commanded().envs(EPISODES).reset(seed=0)
+    observations, _ = _commanded().envs(count).reset(seed=0)
     commands = MIDDLE_SPEED + SPEED_SCALE * observations[:, 6].astype(float)
     yield WHEEL, {"name": FRONT, "mean": gait_return(best), "speed": best.speed}
     yield COMMANDED, {"name": FRONT, "mean": float(front_return(commands).mean())}

@@ -14,7 +14,7 @@ import numpy as np
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
-from agents.learner import BEST, IMITATION, PRIOR, SCRATCH, learner_class
+from agents.learner import BEST, IMITATION, SCRATCH
 from agents.outcomes import FALLS, WALKS, WindowTotals, outcomes
 from agents.policy_files import load_policy
 from agents.rollout import Policy, Rollout, draw_starts
@@ -90,7 +90,7 @@ class Trained:
 
     algo: str  # name of the learner
     init: str = SCRATCH  # "scratch" or "imitation", which also says whose hyperparameters are used
-    timesteps: int | None = None  # control intervals; None: as many as the learner says
+    timesteps: int | None = None  # time steps; None: as many as the learner says
     # what distinguishes a policy -> its file in the training's folder
     files: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"": BEST})
     _: dataclasses.KW_ONLY
@@ -126,9 +126,7 @@ class Trained:
             params=BUILDABLE,
             task=self.task,
             disturbances=self.disturbances,
-            hyperparameters=learner_class(self.algo).settings(
-                self.init if self.prior is None else PRIOR, self.hyperparameters
-            ),
+            hyperparameters=self.hyperparameters,
             prior=self.prior,
             **self._environment(),
         )

@@ -125,7 +125,7 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
     def short(config: TrainingConfig, *arguments: Any, **settings: Any) -> Any:
         quick = dataclasses.replace(
             config,
-            hyperparameters=SMALL[config.algo],
+            hyperparameters=SMALL.get(config.algo, {}),
             cloning=QUICK if config.init == "imitation" else None,
         )
         return train(quick, *arguments, **settings)

@@ -185,8 +185,8 @@ def test_a_card_has_the_figures_of_its_row_and_what_the_training_began_from() ->
     ):
         assert line in lines
     falls = dataclasses.replace(ROW, cot=None, gap=None)
-    lines = card("mine", RECORD, falls, "BUILDABLE", "ppo policy 12ab").splitlines()
-    assert lines[2] == "It began as: ppo policy 12ab."
+    lines = card("mine", RECORD, falls, "BUILDABLE", "sac policy 12ab").splitlines()
+    assert lines[2] == "It began as: sac policy 12ab."
     assert "| CoT | - |" in lines
 
 

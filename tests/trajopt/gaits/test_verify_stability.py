@@ -1,7 +1,7 @@
 """Floquet multipliers against what is known of a passive wheel, and against simulations.
 
 A wheel without motor or pendulum that walks down a slope has one cycle. A step multiplies the
-square of its rate by eta^2 (tests/rimless_gym/test_passive_cycles.py), which is the multiplier of
+square of its rate by eta^2 (tests/rimless_gym/test_reference.py), which is the multiplier of
 the cycle's speed; a shift in time, and the idle pendulum's angle and rate, are neutral.
 """
 
