@@ -38,14 +38,15 @@ and laws attains from each start; the best attainable lies between that and 100%
 own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is held for 10 ms:
 for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
 can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
-speed there are all laws; at the others only the best law and its clone. Evolution, PPO and
-fine-tuning choose their own speed. PPO with the law as prior, and the one policy for the front,
-which walks at commanded speeds, come with the package, for the default machine. Friction demand is
-the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in weights; both are
-those of all starts that still take steps at the end."""
+speed there are all laws but `receding_horizon` and `tuned`, which take long; at the others only the
+best law and its clone. Evolution, PPO and fine-tuning choose their own speed. PPO with the law as
+prior, then CMA-ES, and the one policy for the front, which walks at commanded speeds, come with the
+package, for the default machine. Friction demand is the largest |Fx| / Fy of stance and touchdowns,
+least Fy the least normal force in weights; both are those of all starts that still take steps at
+the end."""
 
 #: Titles of the shipped policies' rows.
-FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior"
+FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
 
 #: Rows of the headline: their titles, and what they are for somebody who reads nothing else, with
 #: the names by which `rimless watch` and `load_policy` know them.
@@ -55,7 +56,7 @@ HEADLINE = {
     "LQR about the optimum": "feedback law that holds it (`lqr`)",
     "imitation": "network cloned from the law (`imitation`)",
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
-    FRONT_POLICY: "one network for every commanded speed (`front`)",
+    FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
     PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
     "PPO from scratch": "PPO from nothing, default settings",

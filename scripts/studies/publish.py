@@ -131,7 +131,7 @@ def card(name: str, record: Mapping[str, Any], row: Row, machine: str, init: str
         "task": f"`RimlessWheel-v0`, reward {_task(record['task'])}",
         "machine": f"`{machine}`"
         + "".join(f", {of} {json.dumps(values)}" for of, values in drawn.items()),
-        "algorithm": record["algo"],
+        "algorithm": record["algo"] if record["timesteps"] else "DAgger",
         "steps": f"{record['timesteps']:,}" if record["timesteps"] else "none: only cloned",
         "seed": f"{record['seed']} (one seed; figures over seeds are in docs/learning.md)",
         **_figures(row),
