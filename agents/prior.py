@@ -33,7 +33,7 @@ from agents.conditions import Conditions
 from agents.experts import EXPERT
 from agents.rollout import Policy, Rollout, controller_policy, draw_starts
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.checks import extra, real, real_array
+from rimless_gym.checks import extra, real, real_array, require_kind
 from rimless_gym.envs.layout import OBSERVATION_SIZE, observe
 from rimless_gym.envs.task import TERM_NAMES, Task
 from rimless_gym.equations import MODE_NAMES
@@ -98,7 +98,7 @@ class Prior:
         fallen: the potential after a fall (m).
 
     Raises:
-        TypeError, ValueError: `fallen` is not a finite number.
+        TypeError, ValueError: `fallen` is not a finite number, or `states` are of another shape.
     """
 
     name: str
@@ -111,6 +111,9 @@ class Prior:
 
     def __post_init__(self) -> None:
         real("fallen", self.fallen)
+        shape = np.shape(self.states)
+        if len(shape) != 2 or not shape[0] or shape[1] != STATE_SIZE:
+            raise ValueError(f"states: must be (M, {STATE_SIZE}) with M >= 1, not {shape}")
 
     def __str__(self) -> str:
         return self.name
@@ -274,6 +277,7 @@ class WithPrior(VectorWrapper[Any, Any, Any, Any, Any]):
 
     def __init__(self, env: VectorEnv[Any, Any, Any], prior: Prior) -> None:
         super().__init__(env)
+        require_kind("prior", prior, Prior)
         native = env.unwrapped
         if not isinstance(native, RimlessWheelVectorEnv):
             raise TypeError(f"env = {env}: must be gym.make_vec('RimlessWheel-v0', ...)")
@@ -282,7 +286,12 @@ class WithPrior(VectorWrapper[Any, Any, Any, Any, Any]):
                 f"autoreset_mode = {native.autoreset_mode}: make the environment with "
                 "autoreset_mode=AutoresetMode.SAME_STEP"
             )
-        prior.require(native.params[0], native.tasks[0], native.control.period)
+        if native.control.speeds is not None:
+            raise ValueError(
+                f"speeds = {native.control.speeds}: a prior holds one gait; take RimlessWheel-v0"
+            )
+        for params, task in zip(native.params, native.tasks, strict=True):
+            prior.require(params, task, native.control.period)
         self.native, self.prior = native, prior
 
 
@@ -302,10 +311,9 @@ class PotentialShaping(WithPrior):
         native, prior = self.native, self.prior
         before = prior.at(observe(prior.params, native.states))
         seen, rewards, terminated, truncated, info = self.env.step(actions)
-        reached = seen
+        reached = observe(prior.params, native.states)  # without sensor noise, as before
         if "_final_obs" in info:
             ended = info["_final_obs"]
-            reached = seen.copy()
             reached[ended] = np.stack(info["final_obs"][ended])
         after = np.where(terminated, prior.fallen, prior.at(reached))
         return seen, rewards + (after - before), terminated, truncated, info

@@ -1,6 +1,6 @@
 """Checks of arguments: each returns the checked value, or raises an error.
 
-That is a `TypeError` for a value of the wrong type and a `ValueError` for one out of its range; it
+That is a `KindError` for a value of the wrong type and a `ValueError` for one out of its range; it
 names the argument, its value and what it must be.
 """
 
@@ -22,10 +22,14 @@ from numpy.typing import NDArray
 LARGEST, SMALLEST = 1e30, 1e-30
 
 
+class KindError(TypeError):
+    """An argument is of the wrong type."""
+
+
 def real(name: str, value: Any) -> float:
     """The number `value`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{name} = {value!r}: must be a real number")
+        raise KindError(f"{name} = {value!r}: must be a real number")
     try:
         number = float(value)
     except OverflowError:  # an integer of hundreds of digits
@@ -54,7 +58,7 @@ def not_negative(name: str, value: Any) -> float:
 def flag(name: str, value: Any) -> bool:
     """The truth value `value`, Python's or NumPy's."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{name} = {value!r}: must be True or False")
+        raise KindError(f"{name} = {value!r}: must be True or False")
     return bool(value)
 
 
@@ -62,13 +66,13 @@ def require_kind(name: str, value: Any, kind: type) -> None:
     """Refuse a value that is not a `kind`."""
     if not isinstance(value, kind):
         module = kind.__module__.split(".")[0]
-        raise TypeError(f"{name} = {value!r}: must be a {module}.{kind.__name__}")
+        raise KindError(f"{name} = {value!r}: must be a {module}.{kind.__name__}")
 
 
 def require_callable(name: str, value: Any) -> None:
     """Refuse a value that cannot be called."""
     if not callable(value):
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must be a function")
+        raise KindError(f"{name} = {reprlib.repr(value)}: must be a function")
 
 
 def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
@@ -77,11 +81,11 @@ def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
     if most is not None:
         wanted += f" and at most {most}"
     if isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{name} = {value!r}: {wanted}")
+        raise KindError(f"{name} = {value!r}: {wanted}")
     try:
         number = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name} = {value!r}: {wanted}") from None
+        raise KindError(f"{name} = {value!r}: {wanted}") from None
     if number < least or (most is not None and number > most):
         raise ValueError(f"{name} = {number}: {wanted}")
     return number
@@ -94,7 +98,7 @@ def real_array(name: str, values: Any) -> NDArray[Any]:
     except ValueError:
         raise ValueError(f"{name} = {values!r}: must be in rows of one length") from None
     if array.dtype.kind not in "biuf":
-        raise TypeError(f"{name} = {values!r}: must be real numbers, not {array.dtype}")
+        raise KindError(f"{name} = {values!r}: must be real numbers, not {array.dtype}")
     return array
 
 
@@ -103,7 +107,7 @@ def as_instance(kind: type[Any], name: str, value: Any, default: Any) -> Any:
     if value is None or isinstance(value, kind):
         return default if value is None else value
     if not isinstance(value, Mapping):
-        raise TypeError(
+        raise KindError(
             f"{name} = {value!r}: give a rimless_gym.{kind.__name__} or a dictionary of its fields"
         )
     known = [field.name for field in dataclasses.fields(kind)]
@@ -112,6 +116,10 @@ def as_instance(kind: type[Any], name: str, value: Any, default: Any) -> Any:
             raise ValueError(
                 f"{name}: {field!r} is not a field of {kind.__name__}: choose from {known}"
             )
+    fields = dataclasses.fields(kind)
+    needed = [f.name for f in fields if f.default is f.default_factory is dataclasses.MISSING]
+    if missing := [field for field in needed if field not in value]:
+        raise ValueError(f"{name} = {value!r}: lacks {missing}")
     return kind(**value)
 
 

@@ -114,10 +114,10 @@ def _expected(error: Exception) -> bool:
     """Whether an error is about the input or the computer, rather than a fault of the program."""
     if isinstance(error, (ValueError, OSError)):
         return True
-    from rimless_gym.checks import MissingExtraError
+    from rimless_gym.checks import KindError, MissingExtraError
     from trajopt.pool import KilledError
 
-    return isinstance(error, (MissingExtraError, KilledError))
+    return isinstance(error, (KindError, MissingExtraError, KilledError))
 
 
 def _words(error: Exception) -> str:

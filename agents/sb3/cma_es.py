@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from agents.conditions import require_usual
 from agents.imitation import walk
 from agents.learner import (
     NO_CHANGES,
@@ -65,11 +66,7 @@ class CmaEs(Ppo):
     takes_prior = False
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
-        if training.conditions.commanded:
-            raise ValueError(
-                "algo = 'cma_es': lowers the cost whatever the speed; leave out speeds, or choose "
-                "another learner"
-            )
+        require_usual("cma_es", training.conditions)
         super().__init__(training, start)
         self._search: LastLayer | None = None
         self._scores: list[Floats] = []
@@ -89,12 +86,17 @@ class CmaEs(Ppo):
         """Evolve until there have been `until` steps; a generation that was begun is ended.
 
         Raises:
-            ValueError: the first policy falls from all starts.
+            ValueError: the first policy falls from all starts, or does not walk.
         """
         search = self._begun()
         while self.steps < until:
             callback.on_iteration()
             scores = search.scores(len(self._scores))
+            if not self._scores and not scores.any():
+                raise ValueError(
+                    f"init = {self.training.init!r}: no policy near it walks; begin from one that "
+                    "walks"
+                )
             self._scores.append(scores)
             search.tell(scores)
             self._put(search.mean)

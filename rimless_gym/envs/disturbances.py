@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.checks import as_instance, integer, not_negative, real
+from rimless_gym.checks import KindError, as_instance, integer, not_negative, real
 from rimless_gym.envs.layout import MEMORY, observe_row, params_at
 from rimless_gym.equations import DOUBLE, SINGLE, record
 from rimless_gym.hybrid import kinetic_energy, push
@@ -165,7 +165,7 @@ def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
     if isinstance(ranges, Ranges):
         return ranges
     if not isinstance(ranges, Mapping | None):
-        raise TypeError(f"ranges = {ranges!r}: give a mapping of fields to (least, greatest)")
+        raise KindError(f"ranges = {ranges!r}: give a mapping of fields to (least, greatest)")
     if ranges and list(ranges) == ["bounds"]:
         return as_ranges(ranges["bounds"])
     return Ranges(ranges or {})
@@ -192,7 +192,7 @@ def _ordered(name: str, bounds: Any) -> tuple[float, float]:
     try:
         low, high = bounds
     except (TypeError, ValueError):
-        raise TypeError(f"{name} = {bounds!r}: give the least and the greatest value") from None
+        raise KindError(f"{name} = {bounds!r}: give the least and the greatest value") from None
     low, high = real(f"the least {name}", low), real(f"the greatest {name}", high)
     if low > high:
         raise ValueError(f"{name} = {bounds}: must be in order, the least first")

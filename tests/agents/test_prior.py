@@ -48,6 +48,18 @@ def test_over_an_episode_the_reward_grows_by_the_change_of_the_potential(voltage
     assert (falls > 0) == (voltage > 0)
 
 
+def test_sensor_noise_leaves_the_potential_as_it_is():
+    prior = dataclasses.replace(PRIOR, potential=lambda seen: -np.abs(seen[:, 3]))
+    env = PotentialShaping(envs(disturbances={"sensor_noise": {"pendulum_rate": 0.2}}), prior)
+    env.reset(seed=1)
+    for _ in range(20):
+        before = prior.at(observe(BUILDABLE, env.native.states))
+        _, rewards, _, _, info = env.step(np.full((N, 1), 0.3))
+        gained = rewards - sum(info[name] for name in TERM_NAMES)
+        after = prior.at(observe(BUILDABLE, env.native.states))
+        np.testing.assert_allclose(gained, after - before, atol=1e-6)
+
+
 def test_a_share_of_the_episodes_begins_in_the_priors_states():
     own = {tuple(row) for row in observe(BUILDABLE, STATES).tolist()}
     env = ReferenceStarts(envs(max_episode_steps=5), PRIOR)
@@ -62,7 +74,10 @@ def test_a_share_of_the_episodes_begins_in_the_priors_states():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"params": THESIS_PHYSICAL}, "params = .*, not .*; make another"),
+        (
+            {"params": [BUILDABLE] * (N - 1) + [THESIS_PHYSICAL]},
+            "params = .*, not .*; make another",
+        ),
         ({"task": {"distance_weight": 0.3}}, "task = .*, not .*; make another"),
         ({"control_period": 0.02}, "period = 0.01, not 0.02"),
         ({"autoreset_mode": "NextStep"}, "SAME_STEP"),
@@ -87,6 +102,10 @@ def test_what_is_no_prior_is_refused():
         config("evolution", prior=PRIOR).training()
     with pytest.raises(ValueError, match="task = "):
         config(prior=PRIOR, task={"distance_weight": 0.3}).training()
+    with pytest.raises(ValueError, match=r"states: must be \(M, .*not \(4,\)"):
+        dataclasses.replace(PRIOR, states=STATES[0][:4])
+    with pytest.raises(ValueError, match="a clone needs no prior"):
+        config(prior="law", init="imitation").training()
     with pytest.raises(ValueError, match="leave out speeds"):
         config(prior="law", speeds=(0.5, 0.6)).training()
 

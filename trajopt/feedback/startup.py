@@ -309,9 +309,9 @@ def cost_to_gait(
         )
         if change < CONVERGED:
             return to_go
-    raise RuntimeError(
-        f"the costs to the gait still change by {change:.3g} m after {SWEEPS} sweeps; wanted is "
-        f"{CONVERGED:g} m: take a grid of other counts"
+    raise ValueError(
+        f"the costs of the way to the gait still change by {change:.3g} m after {SWEEPS} sweeps; "
+        f"wanted is {CONVERGED:g} m: choose another speed"
     )
 
 

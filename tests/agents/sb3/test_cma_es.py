@@ -55,9 +55,17 @@ def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
     [
         ({}, "goes on from a policy that walks; begin from 'imitation'"),
         ({"init": "imitation", "speeds": (0.5, 0.6)}, "leave out speeds"),
+        ({"init": CLONE, "ranges": {"pendulum_mass": (1.5, 1.8)}}, "leave out ranges"),
+        ({"init": CLONE, "hyperparameters": {"gamma": 0.9}}, "'gamma' is not known"),
         ({"init": "evolution"}, "a policy of evolution, which cannot start cma_es"),
     ],
 )
 def test_what_it_cannot_begin_from_is_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
         run(tmp_path, "cma_es", **changes)
+
+
+def test_a_policy_that_stands_is_refused(tmp_path):
+    standing = run(tmp_path / "ppo", "ppo", timesteps=0).last
+    with pytest.raises(ValueError, match="no policy near it walks; begin from one that walks"):
+        run(tmp_path / "cma_es", "cma_es", init=str(standing), timesteps=GENERATION)

@@ -171,7 +171,7 @@ def test_it_is_computed_once_for_all_processes(
     [
         (np.nan, COUNTS, ValueError, "near = nan: must be finite"),
         (NEAR, (3, 4, 3, 3), ValueError, r"counts = \(3, 4, 3, 3\): .* raise"),
-        (1.0, SMALL, RuntimeError, "still change by .* m after 1 sweeps"),
+        (1.0, SMALL, ValueError, "still change by .* m after 1 sweeps"),
     ],
 )
 def test_what_leads_nowhere_is_refused(near, counts, error, message, law, monkeypatch):
