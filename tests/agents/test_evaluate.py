@@ -342,10 +342,10 @@ def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own(
     short = Protocol(starts=8, duration=16.0, window=8.0, alive=4.0)
     blind = learned_policy(lambda seen: act(seen[:, :6]))
     at_home = evaluate(learned_policy(act), protocol=short)
-    slow, fast = evaluate_commanded(blind, (0.35, 0.6), protocol=short)
+    slow, fast = evaluate_commanded(blind, (0.35, 0.6), protocol=short, control_period=0.01)
     assert at_home.walking_share == slow.walking_share == fast.walking_share == 1.0
     assert slow.speed == fast.speed == pytest.approx(0.62, abs=0.02)
-    assert slow.cot > 1.2 * at_home.cot  # it was made for a voltage that is held for 10 ms
+    assert slow.cot == fast.cot == pytest.approx(at_home.cot, rel=0.01)
 
 
 def test_rewards_are_those_of_the_task_with_a_command():
