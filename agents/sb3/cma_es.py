@@ -37,6 +37,9 @@ from rimless_gym.checks import extra
 from rimless_gym.hybrid import OK
 from trajopt.feedback.law import Floats
 
+with extra("learn"):
+    import cma
+
 #: Control intervals of a training, and policies of a generation.
 TIMESTEPS, POPULATION = 30_000_000, 16
 
@@ -154,8 +157,6 @@ class LastLayer:
     """
 
     def __init__(self, training: Training, model: Any) -> None:
-        with extra("learn"):
-            import cma
         self._conditions, self._seed = training.conditions, training.seed
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())

@@ -15,7 +15,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from agents.prior import PotentialShaping, ReferenceStarts
+from agents.prior import WithPrior
 from rimless_gym import (
     RimlessWheelSpeedEnv,
     RimlessWheelSpeedVectorEnv,
@@ -221,7 +221,7 @@ class Sb3VecEnv(VecEnv):
 def _same_step(env: Any) -> Any:
     """The environment, if its rows are native and reset in the step that ends an episode."""
     native = env
-    while isinstance(native, PotentialShaping | ReferenceStarts):
+    while isinstance(native, WithPrior):
         native = native.env
     if not isinstance(native, RimlessWheelVectorEnv):
         raise TypeError(

@@ -187,7 +187,7 @@ class StartUpController:
         if not at_the_gait.any():
             raise ValueError(
                 f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
-                "and nothing could lead there; raise the counts or near"
+                "and nothing could lead there; take a slower gait, or raise the counts or near"
             )
         return cls(law.params, grid, cost_to_gait(law.params, grid, at_the_gait, weights), weights)
 
