@@ -49,7 +49,7 @@ def test_over_an_episode_the_reward_grows_by_the_change_of_the_potential(voltage
 
 
 def test_sensor_noise_leaves_the_potential_as_it_is():
-    prior = dataclasses.replace(PRIOR, potential=lambda seen: -np.abs(seen[:, 3]))
+    prior = dataclasses.replace(PRIOR, potential=lambda seen: -np.abs(seen[:, 4]))
     env = PotentialShaping(envs(disturbances={"sensor_noise": {"pendulum_rate": 0.2}}), prior)
     env.reset(seed=1)
     for _ in range(20):
