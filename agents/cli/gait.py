@@ -76,7 +76,6 @@ def gait(
         seed=seed,
         guess=None if guess is None else Solution.load(guess),
         workers=workers,
-        progress=True,
     )
     try:  # a full disk must not lose the report, nor a closed pipe the file
         if out is not None:

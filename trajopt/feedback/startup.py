@@ -33,7 +33,7 @@ from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
 from trajopt.gaits.solution import Solution
-from trajopt.pool import cores
+from trajopt.pool import announce, cores
 from trajopt.store import Store, key
 
 #: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
@@ -181,6 +181,7 @@ class StartUpController:
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
+        announce("computing a start-up controller (about 20 s)")
         grid = _grid(law, counts)
         nodes = np.ascontiguousarray(grid.single()[:, :4])
         at_the_gait = squared_distances(nodes, law.data.orbit) < near**2
