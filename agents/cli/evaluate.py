@@ -73,7 +73,7 @@ def evaluate(
         policies: a policy's file (.zip), a policy that comes with the package, or a feedback law;
             `rimless list` names them
         gait: file of the gait that laws hold (.npz)
-        speed: of the gait that laws hold (m/s); by default 0.5
+        speed: of the gait that laws hold (m/s); by default 0.62
         steps: per stride, of the gait that laws hold; by default 1
         commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
             range that they were trained for
@@ -106,7 +106,7 @@ def evaluate(
 
         if gait is not None:
             return Solution.load(gait)
-        return periodic_gait(params, speed or 0.5, steps or 1, progress=True)
+        return periodic_gait(params, speed or 0.62, steps or 1, progress=True)
 
     named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:

@@ -31,7 +31,7 @@ def gait(
     *,
     preset: Preset = "BUILDABLE",
     params: Fields = None,
-    speed: Positive = 0.5,
+    speed: Positive = 0.62,
     steps: Count = 1,
     regeneration: Flag = False,
     hold: MaybePositive = None,

@@ -13,7 +13,7 @@ from state to state, which no network can imitate.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -33,7 +33,7 @@ from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
 from trajopt.gaits.solution import Solution
-from trajopt.pool import announce, cores
+from trajopt.pool import cores, progress_bar
 from trajopt.store import Store, key
 
 #: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
@@ -181,7 +181,6 @@ class StartUpController:
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
-        announce("computing a start-up controller (about 20 s)")
         grid = _grid(law, counts)
         nodes = np.ascontiguousarray(grid.single()[:, :4])
         at_the_gait = squared_distances(nodes, law.data.orbit) < near**2
@@ -190,7 +189,9 @@ class StartUpController:
                 f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
                 "and nothing could lead there; take a slower gait, or raise the counts or near"
             )
-        return cls(law.params, grid, cost_to_gait(law.params, grid, at_the_gait, weights), weights)
+        with progress_bar("start-up controller", leave=False, unit="sweep") as bar:
+            to_go = cost_to_gait(law.params, grid, at_the_gait, weights, bar.update)
+        return cls(law.params, grid, to_go, weights)
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
@@ -289,11 +290,16 @@ class Outcomes(NamedTuple):
 
 
 def cost_to_gait(
-    params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_], weights: Weights
+    params: WheelParams,
+    grid: StateGrid,
+    at_the_gait: NDArray[np.bool_],
+    weights: Weights,
+    swept: Callable[[], object] = lambda: None,
 ) -> CostToGo:
     """The least cost to a gait from all states, `NEVER` where nothing leads there.
 
     `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
+    `swept` is called after each sweep.
     """
     single = _outcomes(params, grid.single(), weights)
     double = _outcomes(params, grid.double(), weights)
@@ -308,6 +314,7 @@ def cost_to_gait(
             _swept(to_go.single.reshape(-1), open_single[::order], single, to_go, grid),
             _swept(to_go.double.reshape(-1), open_double[::order], double, to_go, grid),
         )
+        swept()
         if change < CONVERGED:
             return to_go
     raise ValueError(

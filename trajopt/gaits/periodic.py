@@ -85,7 +85,7 @@ class NoGaitError(ValueError):
 
 def periodic_gait(
     params: Machine,
-    speed: float = 0.5,
+    speed: float = 0.62,
     steps: int = 1,
     regeneration: bool = False,
     *,

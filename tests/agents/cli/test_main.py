@@ -21,6 +21,7 @@ from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
 from agents.experts import EXPERT
 from rimless_gym.presets import PRESETS
+from trajopt import periodic_gait
 from trajopt.pool import KilledError
 
 #: What the work of a command begins with; it must not be reached with bad input.
@@ -105,6 +106,7 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
     [
         ("trian", "'trian' is no command: did you mean 'train'?"),
         ("dance", "'dance' is no command: choose from train, evaluate"),
+        ("front", "'front' is no command: choose from train, evaluate"),
         ("--loud", "Unrecognized options: --loud"),
         ("train --sed 3", "--sed, 3; did you mean --seed?"),
         ("gait --workers 0", "--workers: '0': must be an integer of at least 1"),
@@ -158,6 +160,9 @@ def test_defaults_are_those_of_the_functions_behind_the_commands() -> None:
         if field.name in options:
             assert options[field.name].default == getattr(Study(), field.name), field.name
     assert inspect.signature(train).parameters["expert"].default == EXPERT
+    speeds = [inspect.signature(each).parameters.get("speed") for each in COMMANDS.values()]
+    defaults = {each.default for each in speeds if each} - {None}
+    assert defaults == {inspect.signature(periodic_gait).parameters["speed"].default}
     assert set(get_args(Preset)) == set(PRESETS)
 
 
