@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -62,7 +63,7 @@ def test_the_archives_hold_what_users_and_packagers_need(tmp_path):
     )
     for name in files.stdout.splitlines():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        os.link(ROOT / name, folder / name)
+        shutil.copy(ROOT / name, folder / name)
     program = [sys.executable, "-c", build.format(str(tmp_path))]
     subprocess.run(program, cwd=folder, capture_output=True, check=True)
     (sdist,), (wheel,) = tmp_path.glob("*.tar.gz"), tmp_path.glob("*.whl")
