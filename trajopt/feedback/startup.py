@@ -13,7 +13,7 @@ from state to state, which no network can imitate.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -189,9 +189,7 @@ class StartUpController:
                 f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
                 "and nothing could lead there; take a slower gait, or raise the counts or near"
             )
-        with progress_bar("start-up controller", leave=False, unit="sweep") as bar:
-            to_go = cost_to_gait(law.params, grid, at_the_gait, weights, bar.update)
-        return cls(law.params, grid, to_go, weights)
+        return cls(law.params, grid, cost_to_gait(law.params, grid, at_the_gait, weights), weights)
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
@@ -290,17 +288,13 @@ class Outcomes(NamedTuple):
 
 
 def cost_to_gait(
-    params: WheelParams,
-    grid: StateGrid,
-    at_the_gait: NDArray[np.bool_],
-    weights: Weights,
-    swept: Callable[[], object] = lambda: None,
+    params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_], weights: Weights
 ) -> CostToGo:
     """The least cost to a gait from all states, `NEVER` where nothing leads there.
 
     `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
-    `swept` is called after each sweep.
     """
+    sweeps = progress_bar("start-up controller", iterable=range(SWEEPS), leave=False)
     single = _outcomes(params, grid.single(), weights)
     double = _outcomes(params, grid.double(), weights)
     counts = grid.counts
@@ -308,13 +302,12 @@ def cost_to_gait(
     to_go = CostToGo(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
     open_single = np.flatnonzero(~at_the_gait & np.isfinite(single.cost).any(axis=1))
     open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
-    for sweep in range(SWEEPS):
+    for sweep in sweeps:
         order = 1 if sweep % 2 == 0 else -1
         change = max(
             _swept(to_go.single.reshape(-1), open_single[::order], single, to_go, grid),
             _swept(to_go.double.reshape(-1), open_double[::order], double, to_go, grid),
         )
-        swept()
         if change < CONVERGED:
             return to_go
     raise ValueError(
