@@ -1,12 +1,4 @@
-"""How accurate a solution on a mesh is: errors between the nodes, costates and Hamiltonian.
-
-The costate at an element's edge is the derivative of the remaining cost with respect to the state
-there; it is computed from the next element's Lagrangian. At an optimum the Hamiltonian, running
-cost + costate . flow, is constant along every phase, because nothing depends on time explicitly. It
-equals the price of the phase's duration: the derivative of the phase's least cost with respect to
-it. (A bounded integral counts as a running cost, priced at its multiplier.) Both hold for the
-continuous problem; how well they hold on a mesh tells how good the mesh is.
-"""
+"""How accurate a solution on a mesh is: errors between the nodes, and violated limits."""
 
 from __future__ import annotations
 
@@ -14,11 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
+from trajopt.ocp.certificate import Certificate, certificate
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.problem import Phase, Problem
@@ -62,7 +54,8 @@ class Candidate:
     def qualities(self) -> tuple[Quality, ...]:
         """The errors of every phase."""
         result = self.result
-        gaps = self.certificate.cost_gaps(result.phases, result.cost)
+        whole = self.scales.cost + abs(result.cost)
+        gaps = [gap / whole for gap in self.certificate.cost_gaps]
         errors = cost_errors(self.transcription, result, self.scales)
         phases = self.transcription.problem.phases
         each = zip(phases, result.phases, self.scales.phases, errors, gaps, strict=True)
@@ -103,7 +96,7 @@ class Quality:
         path_violation: largest violation of each path constraint, shape (M, m).
         cost_error: error of the program's quadrature of costs and integrals, relative to the
             scale + the magnitude of the whole, shape (M,).
-        cost_gap: what the control may cost too much, see `Certificate.cost_gaps`, shape (M,).
+        cost_gap: `Certificate.cost_gaps`, relative to the scale + the magnitude of the cost, (M,).
     """
 
     defect_error: Array
@@ -252,110 +245,3 @@ def audit(
                     amounts = float(times[worst]), unit * relative, relative
                     violations.append(Violation(kind, name, phase.name, *amounts))
     return tuple(sorted(violations, key=lambda violation: -violation.relative))
-
-
-# -- costates and Hamiltonian -------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class Certificate:
-    """First-order optimality, phase by phase.
-
-    Attributes:
-        costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
-        hamiltonian: at both ends of every element, shape (M, 2) each.
-        mean_hamiltonian: of every element in the program: the derivative of the least cost with
-            respect to the element's duration, shape (M,) each.
-        duration_price: the same with respect to each phase's duration, shape (phases,).
-        cost_scale: what counts as one of the cost.
-        scales: the same of the Hamiltonian, shape (phases,): of the cost over the duration.
-    """
-
-    costates: tuple[Array, ...]
-    hamiltonian: tuple[Array, ...]
-    mean_hamiltonian: tuple[Array, ...]
-    duration_price: Array
-    cost_scale: float
-    scales: Array
-
-    @property
-    def hamiltonian_spread(self) -> float:
-        """Largest deviation from its mean over a phase, relative to scale + largest magnitude."""
-        pairs = zip(self.hamiltonian, self.scales, strict=True)
-        return float(max(np.abs(h - h.mean()).max() / (s + np.abs(h).max()) for h, s in pairs))
-
-    @property
-    def transversality_error(self) -> float:
-        """Largest gap between the mean Hamiltonian and the price of duration, likewise relative."""
-        each = zip(self.hamiltonian, self.duration_price, self.scales, strict=True)
-        return float(max(abs(h.mean() - price) / (s + abs(price)) for h, price, s in each))
-
-    def cost_gaps(self, phases: Sequence[PhaseTrajectory], cost: float) -> tuple[Array, ...]:
-        """What each element may cost too much, relative to its scale + |cost|, (M,) per phase.
-
-        Where the control is not optimal, for example because the optimal one switches within the
-        element, the Hamiltonian varies. Its variation times the element's duration is a cost.
-        """
-        gaps = []
-        for ends, mean, phase in zip(self.hamiltonian, self.mean_hamiltonian, phases, strict=True):
-            all_three = np.column_stack([ends, mean])
-            gaps.append(np.ptp(all_three, axis=1) * phase.element_durations)
-        return tuple(gap / (self.cost_scale + abs(cost)) for gap in gaps)
-
-
-def certificate(transcription: Transcription, result: Result, scales: Scales) -> Certificate:
-    """Costates and Hamiltonian of a solution from its multipliers."""
-    problem = transcription.problem
-    means = [np.zeros(len(t.edges) - 1) for t in result.phases]
-    costates = [np.zeros((len(t.edges), t.states.shape[-1])) for t in result.phases]
-    for each in transcription.equations.element_blocks:
-        index, group, block = each.phase, each.group, each.block
-        v, d = block.function.sx_in()
-        outputs, cost = block.function(v, d)
-        mu = ca.SX.sym("mu", outputs.numel())
-        gradient = ca.Function("g", [v, d, mu], [ca.gradient(cost + ca.dot(mu, outputs), v)])
-        values = np.asarray(
-            gradient.map(block.count)(
-                result.unknowns[block.variables], block.data, result.multipliers[block.rows]
-            )
-        )
-        nx, n = len(problem.phases[index].states), len(group.scheme.nodes)
-        costates[index][group.elements] = values[:nx].T
-        if group.elements[-1] == len(costates[index]) - 2:
-            right = nx * (n - 1)
-            costates[index][-1] = -values[right : right + nx, -1]
-        means[index][group.elements] = values[-1 - len(result.parameters)] / block.data[0]
-    prices = {(rows.kind, rows.phase): mu for rows, mu in transcription.multipliers_of(result)}
-    hamiltonians = [
-        hamiltonian(phase, trajectory, costates[i], result.parameters, prices.get(("integral", i)))
-        for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
-    ]
-    widths = [t.element_durations / t.duration for t in result.phases]
-    price = np.array([mean @ width for mean, width in zip(means, widths, strict=True)])
-    return Certificate(
-        costates=tuple(costates),
-        hamiltonian=tuple(hamiltonians),
-        mean_hamiltonian=tuple(means),
-        duration_price=price,
-        cost_scale=scales.cost,
-        scales=scales.cost / np.array([each.duration for each in scales.phases]),
-    )
-
-
-def hamiltonian(
-    phase: Phase,
-    trajectory: PhaseTrajectory,
-    costates: Array,
-    p: Array,
-    prices: Array | None = None,
-) -> Array:
-    """The Hamiltonian at both ends of every element, shape (M, 2).
-
-    The costates are those at the elements' edges, the multipliers those of bounded integrals.
-    """
-    x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
-    rates = np.stack([costates[:-1], costates[1:]], axis=1)
-    value = np.einsum("esx,esx->es", rates, evaluated(phase.flow, x, u, p))
-    if phase.integral is not None and prices is not None:
-        value = value + evaluated(phase.integral.function, x, u, p) @ prices
-    return np.asarray(value + running_cost(phase, x, u, p))

@@ -95,6 +95,7 @@ def refined(
     p: Array,
     scales: Sequence[PhaseScales],
     qualities: Sequence[Quality],
+    wanted: Sequence[Array],
     tolerances: Tolerances,
 ) -> Mesh:
     """A finer mesh where a tolerance is missed; the same mesh if none is, or caps forbid it.
@@ -122,6 +123,9 @@ def refined(
             )
             wasteful = quality.cost_gap[e] > tolerances.cost
             jumps, inside = breaks(trajectory, e, units) if wasteful else [], []
+            if wasteful and not jumps:
+                at = wanted[i][wanted[i][:, 0] == e, 1]
+                jumps = at[(at > AT_EDGE) & (at < 1 - AT_EDGE)].tolist()
             if jumps or max(excess, limits[i][e]) > 1.0:
                 digits = math.log10(np.clip(excess, 1.0, 1e99))
                 raised = degree + max(1, math.ceil(digits - CLEARLY))

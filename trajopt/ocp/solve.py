@@ -164,7 +164,7 @@ def _refine(first: Candidate, tolerances: Tolerances, passes: int, runs: IpoptRu
         problem, mesh = transcription.problem, transcription.mesh
         finer = refined(
             *(mesh, problem, result.phases, result.parameters),
-            *(current.scales.phases, current.qualities, tolerances),
+            *(current.scales.phases, current.qualities, current.certificate.switches, tolerances),
         )
         if finer == mesh:
             break
