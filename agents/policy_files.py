@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts, Training, learner_class
-from agents.rollout import Policy, Seeing, controller_policy, learned_policy
+from agents.rollout import Policy, Predictor, Seeing, controller_policy, learned_policy
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import (
     LEG_RATE_SCALE,
@@ -67,14 +67,15 @@ class CheckpointError(ValueError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Checkpoint:
-    """A loaded policy.
+class Checkpoint(Predictor):
+    """A loaded policy. Its `predict` is that of stable-baselines3's models.
 
     Attributes:
+        policy: `act` as what is evaluated, with laws that see the state (`agents.rollout`).
+        conditions, params: machine and control in which it was trained.
         act: the policy: observations of the environment, (N, 6) or with a commanded speed (N, 8)
-            -> actions (N,) in [-1, 1].
+            -> actions (N,) in [-1, 1]; without N, a single one.
         algo: name of the learner.
-        conditions: machine and control in which it was trained.
         task: the reward that it was trained for.
         seed: of the training.
         parts: what the file held; the record has everything that was saved with the weights.
@@ -82,20 +83,9 @@ class Checkpoint:
 
     act: Seeing
     algo: str
-    conditions: Conditions
     task: Task
     seed: int
     parts: PolicyParts
-
-    @property
-    def policy(self) -> Policy:
-        """`act` as what is evaluated, with laws that see the state (`agents.rollout`)."""
-        return learned_policy(self.act)
-
-    @property
-    def params(self) -> WheelParams:
-        """The machine that it was trained on."""
-        return self.conditions.params
 
     @property
     def record(self) -> dict[str, Any]:
@@ -235,7 +225,7 @@ def load_policy(
             f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
             f"({error!r}), so it was edited or damaged; {_REMEDY}"
         ) from error
-    return Checkpoint(act, algo, conditions, task, seed, parts)
+    return Checkpoint(learned_policy(act), conditions, act, algo, task, seed, parts)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -272,33 +262,26 @@ def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
     except ValueError as error:
         raise CheckpointError(str(error)) from error
     task, parts = conditions.default_task, PolicyParts({"algo": algo}, {})
-    return Checkpoint(act, algo, conditions, task, 0, parts)
+    return Checkpoint(learned_policy(act), conditions, act, algo, task, 0, parts)
 
 
 @dataclasses.dataclass(frozen=True)
-class NamedPolicy:
+class NamedPolicy(Predictor):
     """A policy, and the conditions in which it walks.
 
     Attributes:
-        name: of the baseline, the law or the policy, or the file's path.
         policy: as the environment takes it.
-        conditions: machine and control, undisturbed.
+        conditions, params: machine and control, undisturbed.
+        name: of the baseline, the law or the policy, or the file's path.
         task: for which a policy was trained; None for laws and baselines.
         gait: that a law holds; None for others.
         command: the commanded speed (m/s), if any.
     """
 
     name: str
-    policy: Policy
-    conditions: Conditions
     task: Task | None = None
     gait: Solution | None = None
     command: float | None = None
-
-    @property
-    def params(self) -> WheelParams:
-        """The machine."""
-        return self.conditions.params
 
     @property
     def period(self) -> float:
@@ -329,7 +312,7 @@ def named_policy(
         NoGaitError: there is no gait to hold.
     """
     if name in BASELINES:
-        return NamedPolicy(name, BASELINES[name](seed), Conditions(params or BUILDABLE))
+        return NamedPolicy(BASELINES[name](seed), Conditions(params or BUILDABLE), name)
     if name in laws.names():
         gait = gait_for(params or BUILDABLE)
         if params is not None and gait.params != params:
@@ -338,10 +321,10 @@ def named_policy(
                 "give a gait of the machine, or leave out params (--preset and --params)"
             )
         policy = controller_policy(gait.params, laws.design(name, gait))
-        return NamedPolicy(name, policy, Conditions(gait.params), gait=gait)
+        return NamedPolicy(policy, Conditions(gait.params), name, gait=gait)
     loaded = load_policy(name, params, trust_pickle=trust_pickle)
     conditions = Conditions(loaded.params, control=loaded.conditions.control)
-    return NamedPolicy(name, loaded.policy, conditions, loaded.task)
+    return NamedPolicy(loaded.policy, conditions, name, loaded.task)
 
 
 def _idle(states: Floats, observations: NDArray[np.float32]) -> Floats:

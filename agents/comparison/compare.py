@@ -134,7 +134,7 @@ def _compute(setting: Setting, alone: bool, method: Method) -> float:
 def _animate(setting: Setting) -> None:
     """Animate a walk of the clone beside the optimum."""
     clone = load_policy(setting.out / IMITATION / CLONE)
-    policy = NamedPolicy(IMITATION, clone.policy, clone.conditions)
+    policy = NamedPolicy(clone.policy, clone.conditions, IMITATION)
     recording = record_policy(policy, ANIMATED)
     gait = setting.held_gait(setting.study.speed)
     race = GroupFilm([recording, ghost(gait, recording)])
