@@ -19,6 +19,7 @@ from agents.conditions import Conditions
 from agents.policy_files import (
     FORMAT,
     CheckpointError,
+    TrainingEffort,
     load_policy,
     named_policy,
     read_record,
@@ -274,7 +275,7 @@ def test_a_policy_of_the_package_is_the_one_in_its_file():
     )
     assert (by_name.name, by_name.params, by_name.gait) == ("evolution", BUILDABLE, None)
     assert by_name.conditions.control == USUAL
-    assert by_name.task is not None
+    assert by_name.effort == TrainingEffort.of(read_record("evolution")) != TrainingEffort()
     states, seen = at_rest(BUILDABLE)[None], np.full((1, 6), 0.1, np.float32)
     assert np.array_equal(by_name.policy(states, seen), by_path.policy(states, seen))
 
