@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -147,8 +148,8 @@ def cost_errors(transcription: Transcription, result: Result, scales: Scales) ->
     problem, p = transcription.problem, result.parameters
     integrals = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
     scale = []
-    for values, each in zip(integrals, scales.phases, strict=True):
-        scale.append(np.r_[scales.cost, each.integral] + np.abs(values.sum(axis=0)))
+    for values, units in zip(integrals, scales.phases, strict=True):
+        scale.append(np.r_[scales.cost, units.integral] + np.abs(values.sum(axis=0)))
         scale[-1][0] = scales.cost + abs(result.cost)
     for each in transcription.equations.element_blocks:
         block, errors = each.block, integrals[each.phase]
@@ -228,11 +229,33 @@ def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     return basis @ trajectory.states, slope @ trajectory.states, controls
 
 
+def _undefined(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> list[Violation]:
+    """Every function's first time at which it is not finite."""
+    violations = []
+    for phase, trajectory in zip(problem.phases, phases, strict=True):
+        times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
+        x, _, u = _dense(trajectory)
+        for kind in ("flow", "cost", "powers", "path", "integral"):
+            function = getattr(phase, kind)
+            if function is None:
+                continue
+            names = phase.states if kind == "flow" else getattr(function, "names", None)
+            values = evaluated(getattr(function, "function", function), x, u, p)
+            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1))):
+                time = float(times[~np.isfinite(values[..., row])].min())
+                name = names[row] if names else ""
+                violations.append(Violation(kind, name, phase.name, time, math.inf, math.inf))
+    return violations
+
+
 def audit(
     problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, scales: Scales
 ) -> tuple[Violation, ...]:
-    """The worst violation of every limit that is violated between the nodes, worst first."""
-    violations: list[Violation] = []
+    """The worst violation of every limit that is violated between the nodes, worst first.
+
+    Functions that are not finite somewhere count as infinite violations.
+    """
+    violations = _undefined(problem, phases, p)
     for phase, trajectory, each in zip(problem.phases, phases, scales.phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
         for kind, units, outside in _limits(phase, trajectory, p, each):

@@ -78,7 +78,9 @@ class Certificate:
     def hamiltonian_spread(self) -> float:
         """Largest deviation from its mean over a phase, relative to scale + largest magnitude."""
         pairs = zip(self.hamiltonian, self.scales, strict=True)
-        return float(max(np.abs(h - h.mean()).max() / (s + np.abs(h).max()) for h, s in pairs))
+        with np.errstate(invalid="ignore"):  # a flow that is not finite
+            spreads = [np.abs(h - h.mean()).max() / (s + np.abs(h).max()) for h, s in pairs]
+        return float(np.nan_to_num(max(spreads), nan=np.inf))
 
     @property
     def transversality_error(self) -> float:

@@ -72,7 +72,8 @@ class Violation:
     """A constraint or bound that is violated.
 
     Attributes:
-        kind: of constraint, see `trajopt.ocp.equations.Rows`; "bound" for bounds.
+        kind: of constraint, see `trajopt.ocp.equations.Rows`; "bound" for bounds; the name of a
+            function that is not finite.
         name: of the row.
         phase: name of the phase; empty for the problem as a whole.
         time: from the phase's start (s).
@@ -90,6 +91,8 @@ class Violation:
     def __str__(self) -> str:
         where = f" of phase {self.phase!r} at t = {self.time:.6g} s" if self.phase else ""
         name = f" of {self.name}" if self.name else ""
+        if math.isinf(self.amount):
+            return f"{self.kind}{name}{where} is not finite"
         return (
             f"{self.kind}{name}{where} violated by {self.amount:.1e} (relative {self.relative:.1e})"
         )

@@ -7,14 +7,15 @@ therefore given the problem; `load_phases` needs none.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from rimless_gym.checks import real
+from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.certificate import Certificate
 from trajopt.ocp.constraints import Violation, pair
@@ -91,7 +92,8 @@ class Extremal:
         violations: constraints that the program's solution violates, worst first.
         audit: limits that are violated between the nodes, worst first.
         certificate: costates and Hamiltonian.
-        resimulation: the forward simulation; None if `solve` was called with ``verify=False``.
+        resimulation: the forward simulation; None if `solve` was called with ``verify=False``, or
+            the cost has no minimum, or a function is not finite.
         provenance: versions and git revision.
     """
 
@@ -176,43 +178,59 @@ class Extremal:
 
     # -- by time --------------------------------------------------------------------------------
 
-    def state(self, t: float, side: str = "right") -> Array:
-        """State (nx,) at time t (s) from the start of the first phase, with phases in a row.
+    def state(self, t: ArrayLike, side: str = "right") -> Array:
+        """States at times t (s) from the start of the first phase, with phases in a row.
 
         Args:
-            t: from 0 to `duration`.
+            t: from 0 to `duration`, a scalar or of shape (N,). There is nothing outside: a solution
+                is not periodic, as a gait is.
             side: "left" or "right", where one phase ends and the next begins.
 
-        Raises:
-            TypeError: t is not a real number.
-            ValueError: t or `side` is out of its range.
-        """
-        phase, local = self._locate(t, side)
-        return np.asarray(self.phases[phase].state(local)[0])
+        Returns:
+            Shape (nx,) for a scalar, else (N, nx).
 
-    def control(self, t: float, side: str = "right") -> Array:
-        """Control (nu,) at time t (s), likewise; `side` matters wherever the control jumps."""
-        phase, local = self._locate(t, side)
-        return np.asarray(self.phases[phase].control(local, side)[0])
+        Raises:
+            TypeError: a time is not a real number.
+            ValueError: a time or `side` is out of its range, or times lie in phases that have
+                different numbers of states.
+        """
+        return self._read(t, side, lambda phase, local: phase.state(local))
+
+    def control(self, t: ArrayLike, side: str = "right") -> Array:
+        """Controls (nu,) or (N, nu) likewise; `side` matters wherever the control jumps."""
+        return self._read(t, side, lambda phase, local: phase.control(local, side))
 
     @property
     def _ends(self) -> Array:
         """When each phase ends (s); unlike `sum`, the same to the bit on every Python."""
         return np.cumsum([phase.duration for phase in self.phases])
 
-    def _locate(self, t: float, side: str) -> tuple[int, float]:
-        """The index of the phase at time t, and the time from that phase's start."""
-        t = real("t", t)
+    def _read(
+        self, t: ArrayLike, side: str, read: Callable[[PhaseTrajectory, Array], Array]
+    ) -> Array:
+        times = np.atleast_1d(real_array("t", t)).astype(float)
         require_side(side)
         ends = self._ends
         rounding = SAME_TIME * ends[-1]
-        if not -rounding <= t <= ends[-1] + rounding:
-            raise ValueError(f"t = {t}: must be from 0 to {ends[-1]} s")
+        outside = ~((times >= -rounding) & (times <= ends[-1] + rounding))
+        if times.ndim != 1 or outside.any():
+            wrong = times[outside][0] if outside.any() else f"of shape {times.shape}"
+            raise ValueError(f"t = {wrong}: must be from 0 to {ends[-1]} s, one time or a row")
         # Rounding must not decide on which side of a phase's end a time lies that is meant to be
         # on it.
-        past = t + rounding if side == "right" else t - rounding
-        index = min(int(np.searchsorted(ends, past)), len(self.phases) - 1)
-        return index, t - (ends[index] - self.phases[index].duration)
+        past = times + rounding if side == "right" else times - rounding
+        where = np.minimum(np.searchsorted(ends, past), len(self.phases) - 1)
+        parts = {
+            i: read(self.phases[i], times[where == i] - begin)
+            for i, begin in enumerate([0.0, *ends[:-1]])
+            if (where == i).any()
+        }
+        if len({values.shape[1] for values in parts.values()}) > 1:
+            raise ValueError("t: times in phases of different states or controls; read them apart")
+        values = np.empty((len(times), *(v.shape[1] for v in list(parts.values())[:1])))
+        for i, part in parts.items():
+            values[where == i] = part
+        return values if np.ndim(t) else values[0]
 
     # -- reports --------------------------------------------------------------------------------
 
@@ -379,9 +397,11 @@ def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> A
         starts, ends = ([(1 + off) * getattr(t, e) for t in phases] for e in ("start", "end"))
         for link in problem.linkages:
             numbers.append(link.map(ends[link.source], p))
-        boundary = problem.boundary and problem.boundary.function
         durations = [t.duration for t in phases]
-        for function in filter(None, (boundary, problem.endpoint_cost)):
+        at_all_ends: list[Any] = [problem.endpoint_cost]
+        if problem.boundary is not None:
+            at_all_ends.append(problem.boundary.function)
+        for function in filter(None, at_all_ends):
             numbers.append(function(np.concatenate(starts), np.concatenate(ends), durations, p))
         for phase, path, x0, x1 in zip(problem.phases, phases, starts, ends, strict=True):
             times = path.duration * np.linspace(0.05, 0.95, 7)

@@ -123,9 +123,14 @@ def _divided(
     nx, h = len(phase.states), trajectory.element_durations
     controls = lagrange_matrix(trajectory.control_nodes, trajectory.nodes) @ trajectory.controls
     slopes = evaluated(jacobian(phase.flow), trajectory.states, controls, p)[..., : nx * nx]
-    mean = np.nan_to_num(slopes.mean(axis=1)).reshape(-1, nx, nx).swapaxes(1, 2)
+    mean = (
+        np.nan_to_num(slopes.mean(axis=1), posinf=0.0, neginf=0.0)
+        .reshape(-1, nx, nx)
+        .swapaxes(1, 2)
+    )
     mean *= scales.states / scales.states[:, None]
-    pieces, since, decades, most = [], np.eye(nx), 0.0, math.log10(MOST_GROWTH)
+    pieces: list[Piece] = []
+    since, decades, most = np.eye(nx), 0.0, math.log10(MOST_GROWTH)
     for e, A in enumerate(mean):
         rate = np.linalg.eigvals(A).real.max()
         parts = max(math.ceil(rate * h[e] / math.log(10) / most), 1)
@@ -134,11 +139,15 @@ def _divided(
         for begin, end in itertools.pairwise(edges):
             anew = bool(np.linalg.norm(step @ since, 2) > MOST_GROWTH and pieces)
             if anew:
-                decades += math.log10(np.linalg.norm(since, 2))
+                decades += _decades(since)
                 since = np.eye(nx)
             since = step @ since
             pieces.append(Piece(e, begin, end, anew))
-    return pieces, decades + math.log10(np.linalg.norm(since, 2))
+    return pieces, decades + _decades(since)
+
+
+def _decades(matrix: Array) -> float:
+    return math.log10(max(np.linalg.norm(matrix, 2), np.finfo(float).tiny))
 
 
 class _TooStiffError(Exception):

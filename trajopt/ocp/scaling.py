@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt.ocp.arrays import Array, Indices
 from trajopt.ocp.constraints import pair
@@ -185,11 +186,11 @@ class _Balance:
             controls = np.abs(path.controls).max(axis=(0, 1), initial=0.0)
             units[place.controls] = _first(controls, phase.control_bounds())
             units[place.duration] = path.duration
-        bounds = np.array([pair(b) for b in self.problem.parameters.values()]).reshape(-1, 2).T
-        units[self.parameters] = _first(np.abs(self.p), bounds)
+        bounds = np.array([pair(b) for b in self.problem.parameters.values()]).reshape(-1, 2)
+        units[self.parameters] = _first(np.abs(self.p), [*bounds.T])
         return units
 
-    def implied(self, known: Array) -> tuple[Array, Array]:
+    def implied(self, known: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Units that balance the equations with the `known` ones, and which are determined.
 
         Every term of x' = f, times the duration, has about the unit of x; and every term of a
@@ -294,7 +295,7 @@ def _directions(*shape: int) -> Array:
     return np.random.default_rng(0).uniform(-1.0, 1.0, (DIRECTIONS, *shape))
 
 
-def _largest(function: ca.Function, samples: _Samples, p: Array) -> Array:
+def _largest(function: Any, samples: _Samples, p: Array) -> Array:
     """Largest magnitudes of a function along a phase, or typical ones around it if larger."""
     along, around = (np.abs(evaluated(function, *xu, p)) for xu in samples)
     along = np.where(np.isfinite(along), along, 0.0).max(axis=0)

@@ -125,6 +125,8 @@ def solve(
         sharper = _certify(best, tolerances.hamiltonian, runs)
         best = within_limits(sharper, best, tolerances.limits, options)
     result = best.result
+    limits = audit(problem, result.phases, result.parameters, best.scales)
+    playable = result.status != DIVERGING and all(math.isfinite(v.amount) for v in limits)
     return Extremal(
         problem=problem,
         mesh=best.transcription.mesh,
@@ -137,10 +139,10 @@ def solve(
         status=result.status,
         attempts=tuple(runs.attempts),
         violations=result.violations,
-        audit=audit(problem, result.phases, result.parameters, best.scales),
+        audit=limits,
         certificate=best.certificate,
         resimulation=resimulate(problem, result.phases, result.parameters, best.scales)
-        if verify
+        if verify and playable
         else None,
     )
 
@@ -215,14 +217,18 @@ class IpoptRuns:
     ) -> Candidate:
         """Solve with one set of options after the other: the first success, or the best failure."""
         best: Result | None = None
+        diverging = 0
         for each in option_sets:
             tried = {**self.options, **each}
             result = minimize(transcription, guess, parameters=parameters, **tried)
             self._log(transcription, tried, result)
             if result.success:
                 return Candidate(transcription, result)
+            diverging += result.status == DIVERGING
             if best is None or clearly_smaller(_violation(result), _violation(best)):
                 best = result
+            if diverging == 2:  # no other options would find a minimum
+                break
         assert best is not None  # there is at least one set
         return Candidate(transcription, best)
 

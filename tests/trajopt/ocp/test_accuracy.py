@@ -343,3 +343,77 @@ def test_costates_are_passed_on_through_a_linkage_by_its_transposed_jacobian() -
     x = found.phases[0].end
     jacobian = np.array([[1.0, 0.1], [math.cos(x[0]), -0.5]])
     assert before == pytest.approx(jacobian.T @ after, rel=1e-7)
+
+
+# -- what a control costs too much ----------------------------------------------------------------
+
+
+def coasting() -> Problem:
+    """x' = u at least integral of x^2: full speed to 0, then a singular arc; 1/3."""
+    phase = Phase(
+        "coast",
+        states=("x",),
+        controls=("u",),
+        flow=lambda x, u, p: u,
+        cost=lambda x, u, p: x**2,
+        bounds={"u": (-1.0, 1.0)},
+        start={"x": 1.0},
+        duration=2.0,
+    )
+    return Problem((phase,))
+
+
+KNOWN = {
+    "bang-bang": (textbook.fastest_move(2.0, 0.5), textbook.fastest_move_time(2.0, 0.5)),
+    "bang-off-bang": (textbook.least_work_move(), textbook.least_work()),
+    "singular": (coasting(), 1 / 3),
+    "smooth": (textbook.hanging_chain(), textbook.hanging_chain_energy()),
+}
+
+
+@pytest.mark.parametrize("elements", [5, 7])
+@pytest.mark.parametrize("kind", KNOWN)
+def test_what_a_control_costs_too_much_is_known_within_a_factor_of_ten(
+    kind: str, elements: int
+) -> None:
+    """Or to 1e-6: once all bounds are met exactly, the multipliers are no longer unique."""
+    problem, known = KNOWN[kind]
+    for settings in ({"passes": 0}, {}):
+        found = solve(problem, mesh=Mesh.uniform(problem, elements), **settings)
+        excess = found.cost - known
+        assert excess / 10 < found.certificate.suboptimality < 10 * excess + 1e-6 * abs(known)
+
+
+def test_the_estimate_is_no_less_than_what_a_constraint_on_the_state_costs() -> None:
+    known = textbook.bryson_denham_cost(0.05)
+    found = solve(textbook.bryson_denham(0.05))
+    assert found.converged
+    assert abs(found.cost - known) < 2 * found.certificate.suboptimality < 1e-5 * known
+
+
+@pytest.mark.slow
+def test_a_free_flying_robots_many_switches_are_resolved() -> None:
+    """Sakawa's, with twelve switches; 7.9101471 (Betts, Practical Methods, 2nd ed., 6.13)."""
+
+    def flow(x: Any, u: Any, p: Any) -> Any:
+        left, right = u[0] - u[1], u[2] - u[3]
+        push = left + right
+        turn = 0.2 * (left - right)
+        return x[3], x[4], x[5], push * ca.cos(x[2]), push * ca.sin(x[2]), turn
+
+    names, jets = ("x", "y", "angle", "vx", "vy", "rate"), ("u1", "u2", "u3", "u4")
+    start = dict.fromkeys(names, 0.0) | {"x": -10.0, "y": -10.0, "angle": math.pi / 2}
+    fly = Phase(
+        *("fly", names, flow, jets),
+        cost=lambda x, u, p: ca.sum1(u),
+        path=nonnegative(lambda x, u, p: (1 - u[0] - u[1], 1 - u[2] - u[3]), "left", "right"),
+        bounds=dict.fromkeys(jets, (0.0, 1.0)),
+        start=start,
+        end=dict.fromkeys(names, 0.0),
+        duration=12.0,
+    )
+    found = solve(Problem((fly,)))
+    assert found.converged, found.report()
+    excess = found.cost - 7.9101471
+    assert 0.0 < excess < 1e-4
+    assert excess / 10 < found.certificate.suboptimality < 10 * excess

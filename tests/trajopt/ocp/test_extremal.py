@@ -36,9 +36,16 @@ def test_states_are_read_by_time() -> None:
         t = landing * (1 + rounding)
         assert ball.state(t, "left") == pytest.approx(ball.phases[1].end, abs=1e-9)
         assert ball.state(t, "right") == pytest.approx(ball.phases[2].start, abs=1e-9)
-    for t in (-0.1, ball.duration + 0.1, math.nan):
+    for t in (-0.1, ball.duration + 0.1, math.nan, [0.1, -0.1]):
         with pytest.raises(ValueError, match=r"must be (from 0 to|finite)"):
             ball.state(t)
+
+
+def test_many_times_are_read_at_once() -> None:
+    ball = solved("bouncing ball")
+    t = np.array([ball.duration, 0.0, 0.3 * ball.duration, 0.9 * ball.duration])
+    assert np.array_equal(ball.state(t), np.stack([ball.state(each) for each in t]))
+    assert ball.control(t).shape == (4, 0)
 
 
 def test_a_report_says_what_there_is_to_know() -> None:
