@@ -19,7 +19,8 @@ from rimless_gym.envs.disturbances import Ranges
 from rimless_gym.envs.starts import USUAL_STARTS, Starts
 from rimless_gym.envs.task import USUAL_TASK, Task
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
-from rimless_gym.jax.interval import NUMERICS, OF_ARRAYS, Machine, Totals, advance, traced
+from rimless_gym.jax.interval import NUMERICS, Machine, Totals, advance
+from rimless_gym.jax.traced import OF_ARRAYS, traced
 from rimless_gym.kernel.stepping import HybridState, require_steppable
 from rimless_gym.params import Constants
 from rimless_gym.presets import BUILDABLE, as_params

@@ -21,14 +21,14 @@ from jax.flatten_util import ravel_pytree
 from jax.lax import stop_gradient
 from scipy.integrate import DOP853
 
-from rimless_gym import equations, hybrid
+from rimless_gym import hybrid
 from rimless_gym.equations import DOUBLE, SINGLE, Accelerations, State
 from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, MAX_EVENTS, MAX_RATE, OK
-from rimless_gym.kernel import accounting, attempt, integration
+from rimless_gym.jax.traced import root, traced
+from rimless_gym.kernel import attempt
 from rimless_gym.kernel.attempt import MAX_POLE_STEP, MAX_RATE_STEP
 from rimless_gym.kernel.stepping import HybridState
 from rimless_gym.params import Constants
-from rimless_gym.tracing import joined, names_within
 
 
 class Numerics(NamedTuple):
@@ -52,74 +52,9 @@ NOTHING, LIFT_OFF, RELEASE = map(int, (attempt.NOTHING, attempt.LIFT_OFF, attemp
 
 FEW, LEVELS = 8, 2  # rows are moved together when this share of them is under way, so many times
 MOST_TRIES = 40  # to locate an event
-ROOT_STEPS = 7  # of Newton's method for the root of a polynomial; later attempts correct the rest
 
 #: Most attempts in an interval: an event takes three, and there may be `MAX_EVENTS`.
 MOST_ATTEMPTS = 3 * MAX_EVENTS
-
-
-def safe_sqrt(x: Any) -> Any:
-    """Square root whose derivative at 0 is 0."""
-    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1)), 0)
-
-
-def _root(c: Any, low: Any, high: Any) -> Any:
-    """`integration.bracketed_root` in a fixed number of steps."""
-
-    def step(_: Any, bracket: Any) -> Any:
-        low, high, s = bracket
-        f = traced.value(c, s)
-        low, high = jnp.where(f > 0, low, s), jnp.where(f > 0, s, high)
-        newton = s - f / traced.slope(c, s)
-        return low, high, jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-
-    low, high = (x + jnp.zeros_like(c[0] + c[5]) for x in (low, high))
-    return jax.lax.fori_loop(0, ROOT_STEPS, step, (low, high, 0.5 * (low + high)))[2]
-
-
-def _folded(of_arrays: Callable[..., Any], of_numbers: Callable[..., Any]) -> Callable[..., Any]:
-    """The function of arrays, but of Python's numbers where all arguments are."""
-
-    def fold(*values: Any) -> Any:
-        known = all(isinstance(value, (int, float)) for value in values)
-        return (of_numbers if known else of_arrays)(*values)
-
-    return fold
-
-
-_sin, _cos = _folded(jnp.sin, math.sin), _folded(jnp.cos, math.cos)
-_sqrt = _folded(safe_sqrt, math.sqrt)
-
-#: What names in the traced functions stand for.
-OF_ARRAYS: dict[str, Any] = {
-    "sin": _sin,
-    "cos": _cos,
-    "sqrt": _sqrt,
-    "min": _folded(lambda *values: functools.reduce(jnp.minimum, values), min),
-    "max": _folded(lambda *values: functools.reduce(jnp.maximum, values), max),
-    "float": lambda x: x,
-    "math": SimpleNamespace(
-        pi=math.pi, inf=math.inf, sin=_sin, hypot=_folded(jnp.hypot, math.hypot)
-    ),
-    "np": SimpleNamespace(pi=math.pi, sqrt=_sqrt, maximum=jnp.maximum),
-}
-
-#: The functions of the simulator, of JAX's arrays.
-traced = joined(
-    {
-        equations: names_within(equations.equations),
-        hybrid: (
-            *("accelerations", "foot_force", "both_feet_press", "rocks_too_fast"),
-            *("after_touchdown", "after_lift_off"),
-        ),
-        integration: ("quintic", "value", "slope", "derivative", "negative", "upward_root"),
-        attempt: ("peak", "friction_rate", "past_guard", "between", "reversal"),
-        accounting: ("_crossings", "_passed", "_zero"),
-    },
-    jnp.where,
-    **OF_ARRAYS,
-    bracketed_root=_root,
-)
 
 
 class Machine(NamedTuple):
@@ -532,7 +467,7 @@ def _touches(step: _Step, mode: Any, p: Constants) -> tuple[Any, Any, Any]:
     past = traced.past_guard(_nearer(step, p), *step, p)
     turns = (past[1] > 0) & (traced.slope(past, 1.0) < 0)
     whole = jnp.ones_like(step.h)
-    top = _root(traced.negative(traced.derivative(past)), 0.0, whole)
+    top = root(traced.negative(traced.derivative(past)), 0.0, whole)
     top = jnp.where(turns, top, whole)
     over = traced.value(past, top) > 0.1 * attempt.LOCATED
     return (mode == SINGLE) & over, traced.upward_root(past, top) * step.h, top * step.h
