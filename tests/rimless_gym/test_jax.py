@@ -60,7 +60,9 @@ def check(env: WheelEnv, params: WheelParams, n: int, limit: float, ticks: int =
     assert np.quantile(np.abs(off), 0.99) < limit
     assert np.abs(off).max() < max(100 * limit, 1e-7)  # 2e-8 with every loss, 2e-10 without
     for name in ("distance", "electrical_positive", "elapsed"):
-        assert getattr(totals, name) == pytest.approx(rows[:, getattr(ROW, name)], abs=limit)
+        off = np.abs(np.asarray(getattr(totals, name)) - rows[:, getattr(ROW, name)])
+        assert np.quantile(off, 0.99) < limit
+        assert off.max() < 100 * limit
 
 
 def test_intervals_agree_with_the_kernel() -> None:
