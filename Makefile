@@ -64,7 +64,7 @@ $(PEERS): $(DEVELOPERS)
 	@touch $@
 
 compare: $(INSTALLED)
-	$(BIN)/rimless compare --out runs/compare
+	$(BIN)/rimless compare --out runs/compare $(ARGS)
 
 page: $(INSTALLED)
 	$(BIN)/rimless page --out runs/page.html
