@@ -183,7 +183,7 @@ class Batch:
         if not self.ranges.bounds:
             return self.params[i]
         drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
-        return self.params[i].replace(**drawn)
+        return dataclasses.replace(self.params[i], **drawn)
 
     def change(
         self,
