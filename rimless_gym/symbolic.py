@@ -37,7 +37,7 @@ class Design:
 
     def machine(self, params: WheelParams, p: Any) -> WheelParams:
         """`params` with the values p (np,) of the design variables."""
-        values = {name: float(value) for name, value in self.fields(p).items()}
+        values: dict[str, Any] = {name: float(value) for name, value in self.fields(p).items()}
         return dataclasses.replace(params, **values)
 
 

@@ -182,7 +182,9 @@ class Batch:
         """Row i's current machine, including the parameters drawn."""
         if not self.ranges.bounds:
             return self.params[i]
-        drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
+        drawn: dict[str, Any] = {
+            name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds
+        }
         return dataclasses.replace(self.params[i], **drawn)
 
     def change(

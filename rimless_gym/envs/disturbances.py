@@ -154,7 +154,7 @@ class Ranges:
         """
         for params in dict.fromkeys(machines) if self.bounds else ():
             for end in (0, 1):
-                corner = {name: bounds[end] for name, bounds in self.bounds.items()}
+                corner: dict[str, Any] = {name: each[end] for name, each in self.bounds.items()}
                 require_steppable(dataclasses.replace(params, **corner))
                 for name, bounds in self.bounds.items():
                     other = corner | {name: bounds[1 - end]}
