@@ -318,6 +318,44 @@ def passive_wheel_rate(legs: int = 8, slope: float = 0.12) -> float:
     return math.sqrt(push) / math.tan(2 * a)
 
 
+def compass_walker(slope: float = 0.009) -> Problem:
+    """The longer cycle of a bare compass down a slope: massless legs, feet lighter than the hip.
+
+    The stance leg's angle is from the slope's normal, the swing leg's from the stance leg; time is
+    in units of sqrt(length / gravity). The cost is the stance leg's angle after a step.
+    """
+
+    def flow(x: Any, u: Any, p: Any) -> Any:
+        stance, swing, rate, swing_rate = ca.vertsplit(x)
+        lean = stance - slope
+        pull = rate**2 * ca.sin(swing) - ca.cos(lean) * ca.sin(swing)
+        return rate, swing_rate, ca.sin(lean), ca.sin(lean) + pull
+
+    def step(x: Any, p: Any) -> Any:
+        kept = ca.cos(2 * x[0]) * x[2]
+        return -x[0], -2 * x[0], kept, (1 - ca.cos(2 * x[0])) * kept
+
+    stance = Phase(
+        "stance",
+        states=("stance", "swing", "stance rate", "swing rate"),
+        flow=flow,
+        at_end=equal(lambda x, p: x[1] - 2 * x[0], [0.0], "both feet on the slope"),
+        start={"stance": (0.15, 0.25), "stance rate": (-0.3, -0.1)},
+        end={"stance": (-0.25, -0.15)},
+        duration=(3.8, 4.5),
+    )
+    return Problem(
+        (stance,),
+        linkages=(Linkage(0, 0, step),),
+        endpoint_cost=lambda starts, ends, durations, p: starts[0][0],
+    )
+
+
+#: The angle of `compass_walker` after a step at a slope of 0.009 (Garcia, Chatterjee, Ruina and
+#: Coleman, The simplest walking model, J. Biomech. Eng. 120 (1998)).
+COMPASS = 0.200310900544287
+
+
 def _bare_wheel(legs: int, slope: float) -> WheelParams:
     return WheelParams(
         n_legs=legs,
@@ -371,6 +409,7 @@ PROBLEMS = (
     Example(gear, gear_cost),
     Example(hanging_chain, hanging_chain_energy),
     Example(passive_wheel, passive_wheel_rate),
+    Example(compass_walker, lambda: COMPASS),
     Example(coasting, lambda: COASTING),
     Example(unstable, lambda: HELD),
     Example(free_flying_robot, lambda: FLOWN),
