@@ -193,9 +193,9 @@ class _Balance:
     def implied(self, known: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Units that balance the equations with the `known` ones, and which are determined.
 
-        Every term of x' = f, times the duration, has about the unit of x; and every term of a
-        linkage that of its target. In logarithms, that is a linear system. Its solution ignores
-        outliers: terms without weight.
+        Every term of x' = f, times the duration, has about the unit of x; every term of a linkage
+        that of its target; and a constraint has terms of about one size. In logarithms, that is a
+        linear system. Its solution ignores outliers: terms without weight.
         """
         rows, right = [], []
         for (plus, minus), size in self._terms():
@@ -229,6 +229,18 @@ class _Balance:
                 for j, column in enumerate(columns):
                     if column != state and slopes[i, j] > 0.0:
                         yield ([state], [duration, column]), slopes[i, j]
+        for phase, path, place in zip(
+            self.problem.phases, self.trajectory, self.places, strict=True
+        ):
+            columns = [*place.states, *place.controls]
+            samples = _sampled(phase, path, self.known[place.states], self.known[place.controls])
+            for constraint in filter(None, (phase.path, phase.integral)):
+                orders = _expansion(constraint.function)
+                value, slope, curvature = (_largest(order, samples, self.p) for order in orders)
+                for n, derivative in ((1, slope), (2, curvature)):
+                    each = derivative.reshape(len(columns), len(value))
+                    for j, i in np.argwhere((each > 0.0) & (value > 0.0)):
+                        yield ([columns[j]] * n, []), n * value[i] / each[j, i]
         for link in self.problem.linkages:
             source, target = self.places[link.source].states, self.places[link.target].states
             end = self.trajectory[link.source].end
@@ -270,6 +282,20 @@ def jacobian(function: ca.Function) -> ca.Function:
     arguments = function.sx_in()
     slopes = ca.jacobian(function(*arguments), ca.vertcat(*arguments))
     return ca.Function("jacobian", arguments, [ca.vec(ca.densify(slopes))])
+
+
+@lru_cache(maxsize=64)
+def _expansion(function: ca.Function) -> tuple[ca.Function, ...]:
+    """A traced function of (x, u, p), its derivatives with respect to x and u, and second ones.
+
+    Those are the derivatives with respect to each variable alone, in columns.
+    """
+    x, u, p = function.sx_in()
+    v, value = ca.vertcat(x, u), function(x, u, p)
+    slopes = ca.densify(ca.jacobian(value, v))
+    rows = [ca.diag(ca.hessian(row, v)[0]).T for row in ca.vertsplit(value)]
+    outputs = slopes, ca.densify(ca.vertcat(*rows))
+    return function, *(ca.Function("order", [x, u, p], [ca.vec(out)]) for out in outputs)
 
 
 # -- rows and cost --------------------------------------------------------------------------------
