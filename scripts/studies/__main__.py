@@ -11,6 +11,7 @@ from rimless_gym.checks import MissingExtraError
 #: Modules of this package, by the names of the studies. Each has a function of the study's name,
 #: whose options are its parameters.
 STUDIES = {
+    "accelerator": "accelerator",
     "assumptions": "assumptions",
     "benchmark": "benchmark.run",
     "bounds": "bounds",
