@@ -96,8 +96,7 @@ def scales_of(
     """The scales along a trajectory."""
     p = middle(problem) if parameters is None else parameters
     balance = _Balance(problem, trajectory, p)
-    known = balance.known
-    units = balance.floored(np.where(known > 0.0, known, balance.implied(known)[0]))
+    units = balance.floored(balance.implied(balance.known)[0])
     *each, of_parameters = balance.split(units)
     samples = [
         _sampled(phase, path, states, controls)
@@ -197,6 +196,9 @@ class _Balance:
         that of its target; and a constraint has terms of about one size. In logarithms, that is a
         linear system. Its solution ignores outliers: terms without weight.
         """
+        unknown = known <= 0.0
+        if not unknown.any():
+            return known, ~unknown
         rows, right = [], []
         for (plus, minus), size in self._terms():
             row = np.zeros(self.count)
@@ -204,8 +206,8 @@ class _Balance:
             np.add.at(row, minus, -1.0)
             rows.append(row)
             right.append(np.log10(size))
-        A, b, unknown = np.array(rows), np.array(right), known <= 0.0
-        A = A.reshape(len(b), self.count)
+        b = np.array(right)
+        A = np.array(rows).reshape(len(b), self.count)
         asked = np.any(A[:, unknown] != 0.0, axis=1)
         b = b[asked] - A[asked][:, ~unknown] @ np.log10(known[~unknown])
         M, weights = A[asked][:, unknown], np.ones(len(b))
