@@ -58,6 +58,7 @@ class Certificate:
         cost_gaps: about what each element's control costs too much, shape (M,) each.
         switches: of every phase, (element, fraction of it) where a control should switch but does
             not, shape (n, 2) each.
+        prices: of every phase's bounded integrals, shape (m,) each.
         scales: of the Hamiltonian, shape (phases,): that of the cost over the duration.
     """
 
@@ -67,6 +68,7 @@ class Certificate:
     duration_price: Array
     cost_gaps: tuple[Array, ...]
     switches: tuple[Array, ...]
+    prices: tuple[Array, ...]
     scales: Array
 
     @property
@@ -111,9 +113,12 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
             right = nx * (n - 1)
             costates[index][-1] = -values[right : right + nx, -1]
         means[index][group.elements] = values[-1 - len(result.parameters)] / block.data[0]
-    prices = {(rows.kind, rows.phase): mu for rows, mu in transcription.multipliers_of(result)}
+    prices = [np.zeros(0) for _ in problem.phases]
+    for rows, multipliers in transcription.multipliers_of(result):
+        if rows.kind == "integral":
+            prices[rows.phase] = multipliers
     views = [
-        _View(phase, trajectory, costates[i], result.parameters, prices.get(("integral", i)))
+        View(phase, trajectory, costates[i], result.parameters, prices[i])
         for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
     savings = [_savings(view, each) for view, each in zip(views, scales.phases, strict=True)]
@@ -129,19 +134,20 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
             for (near, _), view in zip(savings, views, strict=True)
         ),
         switches=tuple(_switches(far) for _, far in savings),
+        prices=tuple(prices),
         scales=scales.cost / np.array([each.duration for each in scales.phases]),
     )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _View:
-    """A phase with its costates (M + 1, nx) and the prices of its bounded integrals, if any."""
+class View:
+    """A phase with its costates (M + 1, nx) and the prices (m,) of its bounded integrals."""
 
     phase: Phase
     trajectory: PhaseTrajectory
     costates: Array
     p: Array
-    prices: Array | None
+    prices: Array
 
     def at_ends(self) -> tuple[Array, Array, Array]:
         """States, controls and costates at both ends of every element, (M, 2, .) each."""
@@ -182,6 +188,10 @@ class _View:
         """The Hamiltonian at states, controls and costates (..., .)."""
         return self._call("value", x, u, costates)[..., 0]
 
+    def switching(self, x: Array, u: Array, costates: Array) -> Array:
+        """The Hamiltonian's derivatives with respect to the controls, (..., nu)."""
+        return self._call("model", x, u, costates)[..., : u.shape[-1]]
+
     def newton(self, x: Array, u: Array, costates: Array) -> Array:
         """The controls at which the Hamiltonian's quadratic model is least, where it is convex."""
         nu = u.shape[-1]
@@ -196,12 +206,12 @@ class _View:
         return np.asarray(u + np.where(convex[..., None], step, 0.0))
 
     def _call(self, name: str, x: Array, u: Array, costates: Array) -> Array:
-        phase, integral = self.phase, self.phase.integral if self.prices is not None else None
-        functions = phase.flow, phase.cost, phase.powers, integral and integral.function
-        prices = np.zeros(0) if self.prices is None else self.prices
-        constants = np.concatenate([self.p, prices, [phase.floor if phase.powers else 0.0]])
+        phase = self.phase
+        integral = phase.integral and phase.integral.function
+        constants = np.concatenate([self.p, self.prices, [phase.floor if phase.powers else 0.0]])
         joined = np.concatenate([u, costates], axis=-1)
-        return evaluated(_hamiltonian(*functions)[name], x, joined, constants)
+        functions = _hamiltonian(phase.flow, phase.cost, phase.powers, integral)
+        return evaluated(functions[name], x, joined, constants)
 
 
 @lru_cache(maxsize=64)
@@ -229,7 +239,7 @@ def _hamiltonian(
     return {name: ca.Function(name, arguments, [ca.densify(o)]) for name, o in outputs.items()}
 
 
-def _savings(view: _View, scales: PhaseScales) -> tuple[Array, Array]:
+def _savings(view: View, scales: PhaseScales) -> tuple[Array, Array]:
     """By how much another control would lower the Hamiltonian, at `PLACES`, (M, n).
 
     The second are the same where that control is none of Newton's: it is far away.
@@ -254,7 +264,7 @@ def _allowed(path: Constraint, x: Array, u: Array, p: Array, scales: PhaseScales
     return np.asarray((excess < ROUNDING).all(axis=-1))
 
 
-def _tried(view: _View, u: Array) -> Iterator[Array]:
+def _tried(view: View, u: Array) -> Iterator[Array]:
     """Controls that may be better than u: at their bounds, and as elsewhere in the phase."""
     if not u.shape[-1]:
         return
