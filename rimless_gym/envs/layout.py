@@ -195,6 +195,12 @@ def observation(phi, theta, dphi, dtheta, mode, leg_scale):
 
 
 @inner
+def observed_command(speed, allowance, limit):
+    """The two numbers that follow where a speed (m/s) is commanded."""
+    return (speed - MIDDLE_SPEED) / SPEED_SCALE, allowance / limit
+
+
+@inner
 def _within(value, bound):
     return min(max(value, -bound), bound)
 
@@ -216,9 +222,12 @@ def observe_row(memory, errors, observations, width, i):
     for k in range(OBSERVATION_SIZE):
         observations[i * width + np.uint64(k)] = values[k]
     if width > _PLAIN:
-        speed = memory[MEMORY.target_speed, i]
-        allowance = memory[MEMORY.allowance, i] / memory[MEMORY.allowance_limit, i]
-        observations[i * width + _PLAIN] = (speed - MIDDLE_SPEED) / SPEED_SCALE
+        command, allowance = observed_command(
+            memory[MEMORY.target_speed, i],
+            memory[MEMORY.allowance, i],
+            memory[MEMORY.allowance_limit, i],
+        )
+        observations[i * width + _PLAIN] = command
         observations[i * width + _PLAIN + np.uint64(1)] = allowance
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import rimless_gym
 
-HEAVY = ("casadi", "llvmlite", "matplotlib", "numba", "pygame", "scipy", "torch")
+HEAVY = ("casadi", "jax", "llvmlite", "matplotlib", "numba", "pygame", "scipy", "torch")
 
 
 def printed(code: str) -> str:
