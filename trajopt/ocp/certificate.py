@@ -52,9 +52,8 @@ class Certificate:
     Attributes:
         costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
         hamiltonian: at both ends of every element, shape (M, 2) each.
-        mean_hamiltonian: of every element in the program: the derivative of the least cost with
-            respect to the element's duration, shape (M,) each.
-        duration_price: the same with respect to each phase's duration, shape (phases,).
+        duration_price: the derivative of the least cost with respect to each phase's duration,
+            shape (phases,).
         cost_gaps: about what each element's control costs too much, shape (M,) each.
         switches: of every phase, (element, fraction of it) where a control should switch but does
             not, shape (n, 2) each.
@@ -64,7 +63,6 @@ class Certificate:
 
     costates: tuple[Array, ...]
     hamiltonian: tuple[Array, ...]
-    mean_hamiltonian: tuple[Array, ...]
     duration_price: Array
     cost_gaps: tuple[Array, ...]
     switches: tuple[Array, ...]
@@ -91,6 +89,7 @@ class Certificate:
         return float(max(abs(h.mean() - price) / (s + abs(price)) for h, price, s in each))
 
 
+@np.errstate(invalid="ignore")  # functions need not be finite everywhere
 def certificate(transcription: Transcription, result: Result, scales: Scales) -> Certificate:
     """Costates and Hamiltonian of a solution from its multipliers."""
     problem = transcription.problem
@@ -127,7 +126,6 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
     return Certificate(
         costates=tuple(costates),
         hamiltonian=tuple(view.hamiltonian(*view.at_ends()) for view in views),
-        mean_hamiltonian=tuple(means),
         duration_price=price,
         cost_gaps=tuple(
             trapezoid(near, PLACES) * view.trajectory.element_durations

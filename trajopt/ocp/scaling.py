@@ -90,6 +90,7 @@ class Scales:
         return layout.join(parts)
 
 
+@np.errstate(invalid="ignore")  # functions need not be finite everywhere
 def scales_of(
     problem: Problem, trajectory: Sequence[PhaseTrajectory], parameters: Array | None = None
 ) -> Scales:
@@ -393,8 +394,9 @@ def _cost_scale(
     along = around = 0.0
     for phase, path, sampled in zip(problem.phases, trajectory, samples, strict=True):
         u = lagrange_matrix(path.control_nodes, path.nodes) @ path.controls
-        rates = running_cost(phase, path.states, u, p)
-        along += float(path.element_durations @ np.nan_to_num(np.abs(rates).mean(axis=1)))
+        rates = np.abs(running_cost(phase, path.states, u, p))
+        rates = np.where(np.isfinite(rates), rates, 0.0)
+        along += float(path.element_durations @ rates.mean(axis=1))
         rates = running_cost(phase, *sampled.around, p)
         around += path.duration * float(_typical(np.abs(rates[..., None]), None, 0.0)[0])
     if problem.endpoint_cost is not None:
