@@ -162,10 +162,11 @@ class View:
         x = lagrange_matrix(t.nodes, PLACES) @ t.states
         u = lagrange_matrix(t.control_nodes, PLACES) @ t.controls
         M, _, nx = x.shape
-        still = self._call("slope", x, u, np.zeros_like(x))
+        still = _finite(self._call("slope", x, u, np.zeros_like(x)))
         basis = np.eye(nx)
         gains = np.stack(
-            [self._call("slope", x, u, np.zeros_like(x) + row) - still for row in basis], axis=-1
+            [_finite(self._call("slope", x, u, np.zeros_like(x) + row)) - still for row in basis],
+            axis=-1,
         )  # (M, n, nx, nx): of the slope by the costate
         h = t.element_durations[:, None, None, None]
         matrix = np.zeros((M, n, nx, n, nx))
@@ -190,17 +191,18 @@ class View:
         """The Hamiltonian's derivatives with respect to the controls, (..., nu)."""
         return self._call("model", x, u, costates)[..., : u.shape[-1]]
 
-    def newton(self, x: Array, u: Array, costates: Array) -> Array:
+    def newton(self, x: Array, u: Array, costates: Array, units: Array) -> Array:
         """The controls at which the Hamiltonian's quadratic model is least, where it is convex."""
         nu = u.shape[-1]
         if not nu:
             return u
         model = self._call("model", x, u, costates)
-        gradient, curvature = model[..., :nu], model[..., nu:].reshape(*u.shape, nu)
-        curvatures = np.linalg.eigvalsh(np.nan_to_num(curvature))
+        gradient = units * model[..., :nu]
+        curvature = _finite(units[:, None] * units * model[..., nu:].reshape(*u.shape, nu))
+        curvatures = np.linalg.eigvalsh(curvature)
         convex = curvatures[..., 0] > ROUNDING * np.abs(curvatures).max(axis=-1)
         safe = np.where(convex[..., None, None], curvature, np.eye(nu))
-        step = -np.linalg.solve(safe, gradient[..., None])[..., 0]
+        step = -units * np.linalg.solve(safe, gradient[..., None])[..., 0]
         return np.asarray(u + np.where(convex[..., None], step, 0.0))
 
     def _call(self, name: str, x: Array, u: Array, costates: Array) -> Array:
@@ -210,6 +212,10 @@ class View:
         joined = np.concatenate([u, costates], axis=-1)
         functions = _hamiltonian(phase.flow, phase.cost, phase.powers, integral)
         return evaluated(functions[name], x, joined, constants)
+
+
+def _finite(values: Array) -> Array:
+    return np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 @lru_cache(maxsize=64)
@@ -251,7 +257,8 @@ def _savings(view: View, scales: PhaseScales) -> tuple[Array, Array]:
             values = np.where(_allowed(path, x, control, view.p, scales), values, np.inf)
         return values
 
-    now, near = value(u), value(np.clip(view.newton(x, u, costates), *view.phase.control_bounds()))
+    newton = view.newton(x, u, costates, scales.controls)
+    now, near = value(u), value(np.clip(newton, *view.phase.control_bounds()))
     far = np.min([now, *map(value, _tried(view, u))], axis=0)
     savings = np.nan_to_num(now - np.fmin(near, far), nan=0.0, posinf=0.0)
     return savings, np.where(far < near, savings, 0.0)
