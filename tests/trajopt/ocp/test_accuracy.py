@@ -206,27 +206,13 @@ def test_a_simulation_gives_up_on_what_an_explicit_integrator_cannot_follow(
     assert found.resimulation.chain_error == math.inf
 
 
-def held(duration: float) -> Problem:
-    """x' = x + u held at least integral of x^2 + u^2: 1 + sqrt 2, by Riccati's equation."""
-    phase = Phase(
-        "hold",
-        states=("x",),
-        controls=("u",),
-        flow=lambda x, u, p: (x[0] + u[0],),
-        cost=lambda x, u, p: x[0] ** 2 + u[0] ** 2,
-        start={"x": 1.0},
-        duration=duration,
-    )
-    return Problem((phase,))
-
-
 @pytest.mark.parametrize("duration", [40.0, 100.0])
 def test_an_unstable_motion_is_simulated_in_spans_over_which_errors_grow_little(
     duration: float,
 ) -> None:
-    found = solve(held(duration))
+    found = solve(textbook.unstable(duration))
     assert found.converged, found.report()
-    assert found.cost == pytest.approx(1 + math.sqrt(2), rel=1e-8)
+    assert found.cost == pytest.approx(textbook.HELD, rel=1e-8)
     assert found.resimulation is not None
     assert found.resimulation.growth[0] == pytest.approx(duration / math.log(10), rel=1e-6)
     assert found.resimulation.spans[0] >= found.resimulation.growth[0] / 3
@@ -234,7 +220,7 @@ def test_an_unstable_motion_is_simulated_in_spans_over_which_errors_grow_little(
 
 
 def test_a_simulation_that_leaves_its_solution_has_no_say_in_the_cost() -> None:
-    problem = held(40.0)
+    problem = textbook.unstable()
     good = solve(problem, passes=2)
     (path,) = good.phases
     wrong = dataclasses.replace(path, controls=path.controls + 0.5)
@@ -348,25 +334,10 @@ def test_costates_are_passed_on_through_a_linkage_by_its_transposed_jacobian() -
 # -- what a control costs too much ----------------------------------------------------------------
 
 
-def coasting() -> Problem:
-    """x' = u at least integral of x^2: full speed to 0, then a singular arc; 1/3."""
-    phase = Phase(
-        "coast",
-        states=("x",),
-        controls=("u",),
-        flow=lambda x, u, p: u,
-        cost=lambda x, u, p: x**2,
-        bounds={"u": (-1.0, 1.0)},
-        start={"x": 1.0},
-        duration=2.0,
-    )
-    return Problem((phase,))
-
-
 KNOWN = {
     "bang-bang": (textbook.fastest_move(2.0, 0.5), textbook.fastest_move_time(2.0, 0.5)),
     "bang-off-bang": (textbook.least_work_move(), textbook.least_work()),
-    "singular": (coasting(), 1 / 3),
+    "singular": (textbook.coasting(), textbook.COASTING),
     "smooth": (textbook.hanging_chain(), textbook.hanging_chain_energy()),
 }
 
@@ -391,29 +362,8 @@ def test_the_estimate_is_no_less_than_what_a_constraint_on_the_state_costs() -> 
     assert abs(found.cost - known) < 2 * found.certificate.suboptimality < 1e-5 * known
 
 
-@pytest.mark.slow
 def test_a_free_flying_robots_many_switches_are_resolved() -> None:
-    """Sakawa's, with twelve switches; 7.9101471 (Betts, Practical Methods, 2nd ed., 6.13)."""
-
-    def flow(x: Any, u: Any, p: Any) -> Any:
-        left, right = u[0] - u[1], u[2] - u[3]
-        push = left + right
-        turn = 0.2 * (left - right)
-        return x[3], x[4], x[5], push * ca.cos(x[2]), push * ca.sin(x[2]), turn
-
-    names, jets = ("x", "y", "angle", "vx", "vy", "rate"), ("u1", "u2", "u3", "u4")
-    start = dict.fromkeys(names, 0.0) | {"x": -10.0, "y": -10.0, "angle": math.pi / 2}
-    fly = Phase(
-        *("fly", names, flow, jets),
-        cost=lambda x, u, p: ca.sum1(u),
-        path=nonnegative(lambda x, u, p: (1 - u[0] - u[1], 1 - u[2] - u[3]), "left", "right"),
-        bounds=dict.fromkeys(jets, (0.0, 1.0)),
-        start=start,
-        end=dict.fromkeys(names, 0.0),
-        duration=12.0,
-    )
-    found = solve(Problem((fly,)))
+    found = solved("free flying robot")
     assert found.converged, found.report()
-    excess = found.cost - 7.9101471
-    assert 0.0 < excess < 1e-4
+    excess = found.cost - textbook.FLOWN
     assert excess / 10 < found.certificate.suboptimality < 10 * excess
