@@ -90,14 +90,14 @@ class Scales:
         return layout.join(parts)
 
 
+@np.errstate(invalid="ignore")  # functions need not be finite everywhere
 def scales_of(
     problem: Problem, trajectory: Sequence[PhaseTrajectory], parameters: Array | None = None
 ) -> Scales:
     """The scales along a trajectory."""
     p = middle(problem) if parameters is None else parameters
     balance = _Balance(problem, trajectory, p)
-    known = balance.known
-    units = balance.floored(np.where(known > 0.0, known, balance.implied(known)[0]))
+    units = balance.floored(balance.implied(balance.known)[0])
     *each, of_parameters = balance.split(units)
     samples = [
         _sampled(phase, path, states, controls)
@@ -197,6 +197,9 @@ class _Balance:
         that of its target; and a constraint has terms of about one size. In logarithms, that is a
         linear system. Its solution ignores outliers: terms without weight.
         """
+        unknown = known <= 0.0
+        if not unknown.any():
+            return known, ~unknown
         rows, right = [], []
         for (plus, minus), size in self._terms():
             row = np.zeros(self.count)
@@ -204,8 +207,8 @@ class _Balance:
             np.add.at(row, minus, -1.0)
             rows.append(row)
             right.append(np.log10(size))
-        A, b, unknown = np.array(rows), np.array(right), known <= 0.0
-        A = A.reshape(len(b), self.count)
+        b = np.array(right)
+        A = np.array(rows).reshape(len(b), self.count)
         asked = np.any(A[:, unknown] != 0.0, axis=1)
         b = b[asked] - A[asked][:, ~unknown] @ np.log10(known[~unknown])
         M, weights = A[asked][:, unknown], np.ones(len(b))
@@ -391,8 +394,9 @@ def _cost_scale(
     along = around = 0.0
     for phase, path, sampled in zip(problem.phases, trajectory, samples, strict=True):
         u = lagrange_matrix(path.control_nodes, path.nodes) @ path.controls
-        rates = running_cost(phase, path.states, u, p)
-        along += float(path.element_durations @ np.nan_to_num(np.abs(rates).mean(axis=1)))
+        rates = np.abs(running_cost(phase, path.states, u, p))
+        rates = np.where(np.isfinite(rates), rates, 0.0)
+        along += float(path.element_durations @ rates.mean(axis=1))
         rates = running_cost(phase, *sampled.around, p)
         around += path.duration * float(_typical(np.abs(rates[..., None]), None, 0.0)[0])
     if problem.endpoint_cost is not None:
