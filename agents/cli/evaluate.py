@@ -106,6 +106,7 @@ def evaluate(
 
     if not policies:
         raise ValueError("name a policy or a feedback law; `rimless list` lists them")
+    _require_distinct(policies)
     if gap and no_gap:
         raise ValueError("--gap and --no-gap exclude each other")
     params_ = machine(preset, params) if preset or params else None
@@ -156,6 +157,22 @@ def evaluate(
     else:
         print(table(names, rows, summary))
     return 0
+
+
+def _require_distinct(policies: Sequence[str]) -> None:
+    """Refuse a policy that is named twice, be it by two copies of its file."""
+    from agents.policy_files import CheckpointError, find_policy
+    from trajopt.store import file_digest
+
+    named: dict[str | None, str] = {}
+    for name in policies:
+        try:
+            content = file_digest(find_policy(name))
+        except CheckpointError:  # a law, or no such file
+            content = name
+        if content in named:
+            raise ValueError(f"{name}: is the same policy as {named[content]}; name each once")
+        named[content] = name
 
 
 def _at_commands(
