@@ -58,7 +58,7 @@ $(PEERS): $(INSTALLED)
 	@touch $@
 
 compare: $(INSTALLED)
-	$(BIN)/rimless compare --out runs/compare
+	$(BIN)/rimless compare --out runs/compare $(ARGS)
 
 page: $(INSTALLED)
 	$(BIN)/rimless page --out runs/page.html

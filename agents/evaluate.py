@@ -197,9 +197,9 @@ def evaluate(
         TypeError: an argument is of the wrong kind.
         ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
             finite or not states to start from, ranges or disturbances are not valid, or the
-            command or the control period is out of its range.
-        RuntimeError: a motion leaves the range of the model, or a machine that was drawn cannot
-            stand at its start.
+            command or the control period is out of its range, or longer than the protocol's
+            shortest span.
+        RuntimeError: a machine that was drawn cannot stand at its start.
     """
     require_callable("policy", policy)
     require_kind("protocol", protocol, Protocol)
@@ -213,6 +213,10 @@ def evaluate(
     if starts.ndim != 2 or starts.shape[1] != STATE_SIZE or not np.isfinite(starts).all():
         raise ValueError(f"starts: must be finite, of shape (N, {STATE_SIZE})")
     task, period = as_task(task, conditions.default_task), conditions.control.period
+    if protocol.alive < period:
+        raise ValueError(
+            f"alive = {protocol.alive} s: must be at least the control period, {period} s"
+        )
     n_intervals = round(protocol.duration / period)
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)

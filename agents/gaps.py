@@ -39,14 +39,6 @@ def gap_to_optimum(
     return gap_to_front(cot, speed, CotFront(gaits)) if len(gaits) > 1 else None
 
 
-def gap_to_least(
-    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = False
-) -> float | None:
-    """The gap to the optimum at any speed; otherwise as `gap_to_optimum`."""
-    least = best_at_any_speed(params, speed, folder, progress) if speed > 0.0 else None
-    return None if least is None else cot / least.cot - 1.0
-
-
 def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
     """The gap to a front of gaits; None off the front or without a walk."""
     speeds = [gait.speed for gait in front.envelope]

@@ -9,11 +9,14 @@ these policies, feedback laws about a gait, and two baselines.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import pkgutil
+import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +63,29 @@ OBSERVATION_LAYOUT = (
 COMMANDED_LAYOUT = (f"(speed - {MIDDLE_SPEED} m/s) / {SPEED_SCALE} m/s", "credit / step length")
 
 _REMEDY = "copy it again, or train it again with `rimless train`"
+
+
+#: What is known before a training: see `TrainingEffort`.
+NOTHING, LAW_STATES, LAW_ACTIONS = "none", "law's states", "law's actions"
+
+
+class TrainingEffort(NamedTuple):
+    """What a policy took, with the policies that it began from or imitates; None: not known.
+
+    Attributes:
+        prior: what was known before, such as `NOTHING`.
+        intervals: of control, and those that an expert labelled.
+        minutes: of one core.
+    """
+
+    prior: str | None = None
+    intervals: int | None = None
+    minutes: float | None = None
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> TrainingEffort:
+        """That in the record of a policy."""
+        return cls(*(record.get(name) for name in cls._fields))
 
 
 class CheckpointError(ValueError):
@@ -261,7 +287,8 @@ def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
         algo, act, conditions = unpickled(path, params)
     except ValueError as error:
         raise CheckpointError(str(error)) from error
-    task, parts = conditions.default_task, PolicyParts({"algo": algo}, {})
+    record = {"algo": algo, "intervals": int(act.act.model.num_timesteps)}  # type: ignore[attr-defined]
+    task, parts = conditions.default_task, PolicyParts(record, {})
     return Checkpoint(learned_policy(act), conditions, act, algo, task, 0, parts)
 
 
@@ -273,15 +300,15 @@ class NamedPolicy(Predictor):
         policy: as the environment takes it.
         conditions, params: machine and control, undisturbed.
         name: of the baseline, the law or the policy, or the file's path.
-        task: for which a policy was trained; None for laws and baselines.
         gait: that a law holds; None for others.
         command: the commanded speed (m/s), if any.
+        effort: of a learned policy.
     """
 
     name: str
-    task: Task | None = None
     gait: Solution | None = None
     command: float | None = None
+    effort: TrainingEffort = dataclasses.field(default_factory=TrainingEffort)
 
     @property
     def period(self) -> float:
@@ -300,7 +327,9 @@ def named_policy(
     """A baseline, a feedback law, a policy that comes with the package, or one in a file, by name.
 
     Args:
-        name: of the baseline, the law or the policy, or the file's path.
+        name: of the baseline, the law or the policy, the file's path, or module:name of a function
+            from observations (N, 6) to actions, or of a model with such a `predict`; it is in the
+            current folder or installed.
         gait_for: returns the gait of a machine that a law holds; called only for laws.
         params: the machine; None: a policy's own, that of the gait for laws, else BUILDABLE.
         seed: of random voltages.
@@ -308,7 +337,8 @@ def named_policy(
 
     Raises:
         ValueError: the gait is of another machine than `params`.
-        CheckpointError: there is no such law or policy, or the policy is for another machine.
+        CheckpointError: there is no such law, policy or function, or the policy is for another
+            machine.
         NoGaitError: there is no gait to hold.
     """
     if name in BASELINES:
@@ -322,9 +352,39 @@ def named_policy(
             )
         policy = controller_policy(gait.params, laws.design(name, gait))
         return NamedPolicy(policy, Conditions(gait.params), name, gait=gait)
+    if ":" in name and not Path(name).exists():
+        return NamedPolicy(_imported(name), Conditions(params or BUILDABLE), name)
     loaded = load_policy(name, params, trust_pickle=trust_pickle)
     conditions = Conditions(loaded.params, control=loaded.conditions.control)
-    return NamedPolicy(loaded.policy, conditions, name, loaded.task)
+    effort = TrainingEffort.of(loaded.record)
+    return NamedPolicy(loaded.policy, conditions, name, effort=effort)
+
+
+def _imported(name: str) -> Policy:
+    """The policy of a function, or of a model of stable-baselines3, of a module."""
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        predict = pkgutil.resolve_name(name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CheckpointError(
+            f"{name}: {error}; write module:function, with the module in this folder or installed"
+        ) from error
+    finally:
+        sys.path.pop(0)
+    if hasattr(predict, "predict"):
+        predict = functools.partial(predict.predict, deterministic=True)
+    if not callable(predict):
+        raise CheckpointError(
+            f"{name}: is of type {type(predict).__name__}; name a function or a model"
+        )
+
+    def act(observations: NDArray[np.float32]) -> Floats:
+        actions = predict(observations)
+        if isinstance(actions, tuple):  # with a state, as models of stable-baselines3 predict
+            actions = actions[0]
+        return np.asarray(actions, dtype=np.float64).reshape(-1)
+
+    return learned_policy(act)
 
 
 def _idle(states: Floats, observations: NDArray[np.float32]) -> Floats:

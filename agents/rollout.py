@@ -224,7 +224,6 @@ class Rollout:
         TypeError: the policy gives no real numbers.
         ValueError: the policy gives NaN or the wrong shape, a start is not a state in which the
             foot can press on the ground, or a speed is commanded where none is observed.
-        RuntimeError: a motion leaves the range of the model.
     """
 
     def __init__(

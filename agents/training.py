@@ -38,7 +38,16 @@ from agents.learner import (
     Training,
     learner_class,
 )
-from agents.policy_files import CheckpointError, origin, save_policy
+from agents.policy_files import (
+    LAW_ACTIONS,
+    LAW_STATES,
+    NOTHING,
+    CheckpointError,
+    TrainingEffort,
+    origin,
+    read_record,
+    save_policy,
+)
 from agents.prior import LAW, Prior, law_prior
 from agents.reward_weight import economy
 from agents.rollout import Policy, learned_policy
@@ -49,7 +58,7 @@ from rimless_gym.envs.task import Task
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
-from trajopt.store import Store, write_bytes
+from trajopt.store import Store, jsonable, write_bytes
 
 with extra("learn"):
     import torch
@@ -312,6 +321,9 @@ class Trainer:
         self._best, self._due, self._over = -math.inf, 0, -1
         self._minutes_before, self._began_at = 0.0, time.process_time()
         self._curve: list[Milestone] = []
+        self._before, self._labels = _effort_before(config), 0
+        if (out / CLONE).exists():
+            self._labels = read_record(out / CLONE)["cloning"]["samples"]
         if (out / STATE).exists():
             self._restore()
         self.stopped = False
@@ -329,6 +341,7 @@ class Trainer:
         """Clone the expert."""
         cloning = as_cloning(self._config.cloning)
         report = self._learner.imitate(expert, cloning, self._progress)
+        self._labels = report.samples
         self._save_policy(CLONE, cloning=dataclasses.asdict(report))
 
     def run(self) -> None:
@@ -462,7 +475,27 @@ class Trainer:
 
     def _save_policy(self, name: str, **notes: Any) -> None:
         if self._learner.parts() is not None:
+            notes |= self._effort()
             save_policy(self._out / name, self._training, self._learner, **notes)
+
+    def _effort(self) -> dict[str, Any]:
+        """The `TrainingEffort` so far, and the learning curve with what came before added."""
+        prior, intervals, minutes = self._before
+        done = self._learner.steps * self._training.settings.intervals_per_step + self._labels
+        effort = TrainingEffort(
+            prior,
+            None if intervals is None else intervals + done,
+            None if minutes is None else minutes + self._minutes,
+        )
+        curve = [
+            dataclasses.asdict(each)
+            | {
+                "intervals": each.intervals + self._labels + (intervals or 0),
+                "minutes": each.minutes + (minutes or 0.0),
+            }
+            for each in self._curve
+        ]
+        return {**effort._asdict(), "curve": jsonable(curve)}
 
     def _require_finite(self) -> None:
         """Stop before a policy that is of no use is written over a good one."""
@@ -476,6 +509,16 @@ class Trainer:
             f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
             "another --out and a smaller learning_rate (--settings)"
         )
+
+
+def _effort_before(config: TrainingConfig) -> TrainingEffort:
+    """That of the policy from which a training begins, or which it imitates."""
+    source = config.expert if config.init == IMITATION else config.init
+    if not isinstance(source, str) or source in (*INITS, *laws.names()):
+        before = TrainingEffort(LAW_ACTIONS if config.init == IMITATION else NOTHING, 0, 0.0)
+    else:
+        before = TrainingEffort.of(read_record(source))
+    return before if config.prior is None else before._replace(prior=LAW_STATES)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.checks import as_instance, real, real_array
+from rimless_gym.checks import KindError, as_instance, real, real_array
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.layout import (
@@ -138,6 +138,13 @@ def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
     return as_instance(Starts, "starts", starts, USUAL_STARTS)
 
 
+def as_options(options: Any) -> dict[str, Any]:
+    """Options of a reset, as a new dictionary; None stands for none."""
+    if not (options is None or isinstance(options, Mapping)):
+        raise KindError(f"options = {options!r}: must be a dictionary of options, or None")
+    return dict(options or {})
+
+
 def as_params_list(params: Any, n: int) -> list[WheelParams]:
     """`params`, one for all rows or one per row, as a list of N."""
     many = isinstance(params, (list, tuple))
@@ -184,7 +191,7 @@ def read_options(
 
     The options are checked, and the batch is not changed.
     """
-    options = options or {}
+    options = as_options(options)
     names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")
     for name in options:
         if name not in names:

@@ -19,6 +19,7 @@ from agents.conditions import Conditions
 from agents.policy_files import (
     FORMAT,
     CheckpointError,
+    TrainingEffort,
     load_policy,
     named_policy,
     read_record,
@@ -243,6 +244,13 @@ def test_a_policy_of_another_layout_machine_or_learner_is_refused(tmp_path):
         load_policy(with_record(tmp_path / "q.zip", algo="sac"))
 
 
+def test_a_record_of_larger_networks_than_the_weights_is_refused_before_they_are_built(tmp_path):
+    for units in ([10**9], {"pi": [128, 128], "vf": [128, 10**9]}, {"pi": [128, 128, 10**9]}):
+        huge = {"policy_kwargs": {"net_arch": units}}
+        with pytest.raises(CheckpointError, match=r"net_arch: .* but the weights are of"):
+            load_policy(with_record(tmp_path / "huge.zip", **huge))
+
+
 @pytest.mark.parametrize(
     "weight",
     [
@@ -274,7 +282,7 @@ def test_a_policy_of_the_package_is_the_one_in_its_file():
     )
     assert (by_name.name, by_name.params, by_name.gait) == ("evolution", BUILDABLE, None)
     assert by_name.conditions.control == USUAL
-    assert by_name.task is not None
+    assert by_name.effort == TrainingEffort.of(read_record("evolution")) != TrainingEffort()
     states, seen = at_rest(BUILDABLE)[None], np.full((1, 6), 0.1, np.float32)
     assert np.array_equal(by_name.policy(states, seen), by_path.policy(states, seen))
 

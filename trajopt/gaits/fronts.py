@@ -98,6 +98,9 @@ def cot_front(
 ) -> CotFront:
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
 
+    A stride is left out where the most promising shipped gait repeats one of fewer steps, which is
+    asked for as well: solved again, it would be the same gait.
+
     With a `hold`, the gaits are those of `periodic_gait` with that hold, each continued from one
     without it. Their speeds are those nearest to `speeds` at which a *step* lasts a whole number of
     periods, so that strides of any number of steps share them.
@@ -130,6 +133,9 @@ def cot_front(
         free: list[Solution] = []
         held: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
+            bar.update()
+            if _repeats(params, speed, count, steps):
+                continue
             bar.set_postfix_str(f"{count} steps, {speed:g} m/s")
             wanted = Wanted(params, speed, count, regeneration)
             gait = _solved(wanted, free, folder)
@@ -141,7 +147,6 @@ def cot_front(
                 missing.append((count, speed, gait))
             elif hold is not None:
                 held.append(gait)
-            bar.update()
         solutions += sorted(free if hold is None else held, key=lambda s: s.speed)
     bar.close()
     verified = tuple(s for s in solutions if s.verification.passed)
@@ -151,6 +156,12 @@ def cot_front(
     if not verified:
         raise NoGaitError("\n".join(why for _, _, why in missing))
     return CotFront(verified, tuple(missing))
+
+
+def _repeats(params: WheelParams, speed: float, count: int, steps: Sequence[int]) -> bool:
+    """Whether the best guess for a stride is a shorter one, repeated, that is asked for as well."""
+    known = candidates(params, speed, count)
+    return bool(known) and known[0].repeated > 1 and count // known[0].repeated in steps
 
 
 def _row(name: str, values: Any) -> list[Any]:

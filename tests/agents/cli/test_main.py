@@ -125,6 +125,7 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
         ("compare --front 0.5 -1", "--front: '-1': must be a number greater than 0"),
         ("evaluate", "name a policy or a feedback law"),
         ("evaluate imitation --gap --no-gap", "exclude each other"),
+        ("evaluate imitation ppo imitation", "imitation: is the same policy as imitation"),
         ("evaluate imitation --commands 0.5", "none of these policies is commanded"),
         ("evaluate imitation --speed 0.5", "none is named"),
         ("evaluate --preset PROTOTYPE imitation", "trained on another machine"),
@@ -138,6 +139,12 @@ def test_bad_input_is_refused_in_one_line_before_the_work_begins(
     refused: Callable[..., str], arguments: str, message: str
 ) -> None:
     assert message in refused(*arguments.split())
+
+
+def test_a_file_name_that_stdout_cannot_print_is_no_error() -> None:
+    code = r"from agents.cli.main import run; run(lambda: print('\udcff walk.gif') or 0, [])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert done.stdout == b"\\udcff walk.gif\n"
 
 
 def test_fields_are_json_or_key_and_value() -> None:
