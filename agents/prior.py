@@ -145,7 +145,7 @@ class Prior:
 
 
 def law_prior(
-    conditions: Conditions, task: Task, cache: Path | None = None, progress: bool = False
+    conditions: Conditions, task: Task, cache: Path | None = None, progress: bool = True
 ) -> Prior:
     """The prior that the usual feedback law is, on the nominal machine without disturbances.
 
@@ -156,7 +156,7 @@ def law_prior(
         conditions: machine and control period; no speed is commanded.
         task: whose rewards the law collects.
         cache: folder of start-up controllers that other trainings use too.
-        progress: whether to show progress bars.
+        progress: whether to show progress on a terminal.
 
     Raises:
         ValueError: the law falls from most starts.

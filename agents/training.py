@@ -17,7 +17,6 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
@@ -58,6 +57,7 @@ from rimless_gym.envs.task import Task
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
+from trajopt.pool import progress_bar
 from trajopt.store import Store, jsonable, write_bytes
 
 with extra("learn"):
@@ -247,7 +247,7 @@ def train(
         config: what to train.
         out: folder; new, or that of the same training.
         cache: folder of the experts' gaits and start-up controllers, which other trainings use too.
-        progress: whether to show progress bars.
+        progress: whether to show progress on a terminal.
 
     Raises:
         ValueError: an argument is out of range, `out` holds another training, or its state is
@@ -328,13 +328,13 @@ class Trainer:
             self._restore()
         self.stopped = False
         self.log = Logger(str(out), [TensorBoardOutputFormat(str(out))])
-        self._bar = tqdm(
+        self._bar = progress_bar(
+            f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
+            progress,
             total=self._total,
             initial=min(learner.steps, self._total),
-            desc=f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
             unit="step",
             unit_scale=True,
-            disable=not progress,
         )
 
     def imitate(self, expert: Policy) -> None:
@@ -410,6 +410,7 @@ class Trainer:
             conditions.params,
             protocol,
             task=self._training.task,
+            progress=self._progress,
             ranges=conditions.ranges,
             disturbances=conditions.disturbances,
             command=None if speeds is None else np.linspace(*speeds, protocol.starts),
