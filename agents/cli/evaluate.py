@@ -81,7 +81,7 @@ def evaluate(
             module:name of a function of observations (N, 6), or of a model with such a `predict`;
             `rimless list` names them
         gait: file of the gait that laws hold (.npz)
-        speed: of the gait that laws hold (m/s); by default 0.5
+        speed: of the gait that laws hold (m/s); by default 0.62
         steps: per stride, of the gait that laws hold; by default 1
         commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
             range that they were trained for
@@ -106,6 +106,7 @@ def evaluate(
 
     if not policies:
         raise ValueError("name a policy or a feedback law; `rimless list` lists them")
+    _require_distinct(policies)
     if gap and no_gap:
         raise ValueError("--gap and --no-gap exclude each other")
     params_ = machine(preset, params) if preset or params else None
@@ -115,7 +116,7 @@ def evaluate(
 
         if gait is not None:
             return Solution.load(gait)
-        return periodic_gait(params, speed or 0.5, steps or 1, progress=True)
+        return periodic_gait(params, speed or 0.62, steps or 1, progress=True)
 
     named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:
@@ -156,6 +157,22 @@ def evaluate(
     else:
         print(table(names, rows, summary))
     return 0
+
+
+def _require_distinct(policies: Sequence[str]) -> None:
+    """Refuse a policy that is named twice, be it by two copies of its file."""
+    from agents.policy_files import CheckpointError, find_policy
+    from trajopt.store import file_digest
+
+    named: dict[str | None, str] = {}
+    for name in policies:
+        try:
+            content = file_digest(find_policy(name))
+        except CheckpointError:  # a law, or no such file
+            content = name
+        if content in named:
+            raise ValueError(f"{name}: is the same policy as {named[content]}; name each once")
+        named[content] = name
 
 
 def _at_commands(

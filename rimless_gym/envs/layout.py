@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rimless_gym.energy import Row
 from rimless_gym.envs.task import TERM_NAMES, Task
 from rimless_gym.equations import places, record
-from rimless_gym.hybrid import CONTACT_LOST, MAX_RATE, RATE_EXCEEDED
+from rimless_gym.hybrid import MAX_RATE, OK
 from rimless_gym.jit import cached, inner, written
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA, HybridState
 from rimless_gym.params import Constants, WheelParams
@@ -137,21 +137,14 @@ def params_at(constants, i):
     return constants_of(constants, i if constants.shape[1] > 1 else i - i)  # 0 of i's own type
 
 
-@inner
-def ends_episode(failure):
-    """Whether a failure ends the episode; any other failure is an error."""
-    return (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
-
-
 _numbers = ", ".join(f"results[{k}, i]" for k in range(len(Interval._fields) - 1))
 #: Compiled: (results, i) -> the `Interval` of row i.
 interval_of = inner(
     written(
         f"def interval_of(results, i):\n"
-        f"    failed = 1.0 if ends_episode(results[{RESULT.failure}, i]) else 0.0\n"
+        f"    failed = 1.0 if results[{RESULT.failure}, i] != {OK} else 0.0\n"
         f"    return Interval({_numbers}, failed)",
         Interval=Interval,
-        ends_episode=ends_episode,
     )
 )
 

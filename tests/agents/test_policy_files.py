@@ -244,6 +244,13 @@ def test_a_policy_of_another_layout_machine_or_learner_is_refused(tmp_path):
         load_policy(with_record(tmp_path / "q.zip", algo="sac"))
 
 
+def test_a_record_of_larger_networks_than_the_weights_is_refused_before_they_are_built(tmp_path):
+    for units in ([10**9], {"pi": [128, 128], "vf": [128, 10**9]}, {"pi": [128, 128, 10**9]}):
+        huge = {"policy_kwargs": {"net_arch": units}}
+        with pytest.raises(CheckpointError, match=r"net_arch: .* but the weights are of"):
+            load_policy(with_record(tmp_path / "huge.zip", **huge))
+
+
 @pytest.mark.parametrize(
     "weight",
     [

@@ -24,9 +24,10 @@ from scipy.integrate import trapezoid
 
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Constraint
+from trajopt.ocp.equations import path_nodes
 from trajopt.ocp.layout import evaluated
 from trajopt.ocp.problem import Phase
-from trajopt.ocp.scaling import PhaseScales, Scales
+from trajopt.ocp.scaling import PhaseScales, Scales, jacobian
 from trajopt.ocp.schemes import control_nodes, full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
@@ -41,6 +42,9 @@ CORNERS, OTHERS = 5, 12
 #: curvatures differ by less than the inverse of that.
 ROUNDING = 1e-9
 
+#: A constraint on the state has a price if it exceeds this, relative to the cost's scale.
+PRICED = 1e-6
+
 #: A control switches where what another would save passes this fraction of its largest value.
 NOTHING = 1e-3
 
@@ -52,21 +56,22 @@ class Certificate:
     Attributes:
         costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
         hamiltonian: at both ends of every element, shape (M, 2) each.
-        mean_hamiltonian: of every element in the program: the derivative of the least cost with
-            respect to the element's duration, shape (M,) each.
-        duration_price: the same with respect to each phase's duration, shape (phases,).
-        cost_gaps: about what each element's control costs too much, shape (M,) each.
+        duration_price: the derivative of the least cost with respect to each phase's duration,
+            shape (phases,).
+        cost_gaps: about what each element's control costs too much, shape (M,) each; where a
+            constraint on the state is active, the Hamiltonian's variation times the duration.
         switches: of every phase, (element, fraction of it) where a control should switch but does
             not, shape (n, 2) each.
+        prices: of every phase's bounded integrals, shape (m,) each.
         scales: of the Hamiltonian, shape (phases,): that of the cost over the duration.
     """
 
     costates: tuple[Array, ...]
     hamiltonian: tuple[Array, ...]
-    mean_hamiltonian: tuple[Array, ...]
     duration_price: Array
     cost_gaps: tuple[Array, ...]
     switches: tuple[Array, ...]
+    prices: tuple[Array, ...]
     scales: Array
 
     @property
@@ -89,6 +94,7 @@ class Certificate:
         return float(max(abs(h.mean() - price) / (s + abs(price)) for h, price, s in each))
 
 
+@np.errstate(invalid="ignore")  # functions need not be finite everywhere
 def certificate(transcription: Transcription, result: Result, scales: Scales) -> Certificate:
     """Costates and Hamiltonian of a solution from its multipliers."""
     problem = transcription.problem
@@ -111,37 +117,79 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
             right = nx * (n - 1)
             costates[index][-1] = -values[right : right + nx, -1]
         means[index][group.elements] = values[-1 - len(result.parameters)] / block.data[0]
-    prices = {(rows.kind, rows.phase): mu for rows, mu in transcription.multipliers_of(result)}
+    prices = [np.zeros(0) for _ in problem.phases]
+    for rows, multipliers in transcription.multipliers_of(result):
+        if rows.kind == "integral":
+            prices[rows.phase] = multipliers
     views = [
-        _View(phase, trajectory, costates[i], result.parameters, prices.get(("integral", i)))
+        View(phase, trajectory, costates[i], result.parameters, prices[i])
         for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
-    savings = [_savings(view, each) for view, each in zip(views, scales.phases, strict=True)]
+    hamiltonians = [view.hamiltonian(*view.at_ends()) for view in views]
+    savings = []
+    for i, view in enumerate(views):
+        near, far = _savings(view, scales.phases[i])
+        priced = _priced(transcription, result, i, scales)[:, None]
+        spread = np.ptp(np.column_stack([hamiltonians[i], means[i]]), axis=1)[:, None]
+        savings.append((np.where(priced, spread, near), np.where(priced, 0.0, far)))
     widths = [t.element_durations / t.duration for t in result.phases]
     price = np.array([mean @ width for mean, width in zip(means, widths, strict=True)])
     return Certificate(
         costates=tuple(costates),
-        hamiltonian=tuple(view.hamiltonian(*view.at_ends()) for view in views),
-        mean_hamiltonian=tuple(means),
+        hamiltonian=tuple(hamiltonians),
         duration_price=price,
         cost_gaps=tuple(
             trapezoid(near, PLACES) * view.trajectory.element_durations
             for (near, _), view in zip(savings, views, strict=True)
         ),
         switches=tuple(_switches(far) for _, far in savings),
+        prices=tuple(prices),
         scales=scales.cost / np.array([each.duration for each in scales.phases]),
     )
 
 
+def _priced(transcription: Transcription, result: Result, index: int, scales: Scales) -> Array:
+    """Of which elements of a phase a constraint on the state has a price, shape (M,).
+
+    The costate jumps by such prices, and where in the element is not known.
+    """
+    phase, path = transcription.problem.phases[index], result.phases[index]
+    layout, nx, units = transcription.layout, len(phase.states), scales.phases[index].states
+    bounds = np.abs(result.bound_multipliers)
+    edges = (bounds[layout.indices(index, "edges", 0)].T * units)[1:-1].max(axis=1)
+    prices = np.maximum(np.append(0.0, edges), np.append(edges, 0.0))
+    m = len(phase.path.names) if phase.path is not None else 0
+    if phase.path is not None:
+        u = lagrange_matrix(path.control_nodes, path.nodes) @ path.controls
+        every = evaluated(jacobian(phase.path.function), path.states, u, result.parameters)
+        every = np.abs(every).max(axis=1).reshape(len(every), -1, m)
+        pure = every[:, nx : nx + u.shape[-1]].max(axis=(0, 1), initial=0.0) == 0.0  # not of u
+        slopes = every[:, :nx] * pure
+    for each in transcription.equations.element_blocks:
+        if each.phase != index:
+            continue
+        scheme, chosen = each.group.scheme, each.group.elements
+        interior = layout.indices(index, "interior", each.group.degree)
+        within = bounds[interior] * np.tile(units, len(interior) // nx)[:, None]
+        prices[chosen] = np.maximum(prices[chosen], within.max(axis=0, initial=0.0))
+        if m:
+            first = nx * len(scheme.D)
+            rows = each.block.rows[first : first + m * len(path_nodes(scheme))]
+            sums = np.abs(result.multipliers[rows]).reshape(-1, m, len(chosen)).sum(axis=0)
+            jumps = np.einsum("exm,me->ex", slopes[chosen], sums) * units
+            prices[chosen] = np.maximum(prices[chosen], jumps.max(axis=1))
+    return prices > PRICED * scales.cost
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class _View:
-    """A phase with its costates (M + 1, nx) and the prices of its bounded integrals, if any."""
+class View:
+    """A phase with its costates (M + 1, nx) and the prices (m,) of its bounded integrals."""
 
     phase: Phase
     trajectory: PhaseTrajectory
     costates: Array
     p: Array
-    prices: Array | None
+    prices: Array
 
     def at_ends(self) -> tuple[Array, Array, Array]:
         """States, controls and costates at both ends of every element, (M, 2, .) each."""
@@ -158,10 +206,11 @@ class _View:
         x = lagrange_matrix(t.nodes, PLACES) @ t.states
         u = lagrange_matrix(t.control_nodes, PLACES) @ t.controls
         M, _, nx = x.shape
-        still = self._call("slope", x, u, np.zeros_like(x))
+        still = _finite(self._call("slope", x, u, np.zeros_like(x)))
         basis = np.eye(nx)
         gains = np.stack(
-            [self._call("slope", x, u, np.zeros_like(x) + row) - still for row in basis], axis=-1
+            [_finite(self._call("slope", x, u, np.zeros_like(x) + row)) - still for row in basis],
+            axis=-1,
         )  # (M, n, nx, nx): of the slope by the costate
         h = t.element_durations[:, None, None, None]
         matrix = np.zeros((M, n, nx, n, nx))
@@ -182,26 +231,35 @@ class _View:
         """The Hamiltonian at states, controls and costates (..., .)."""
         return self._call("value", x, u, costates)[..., 0]
 
-    def newton(self, x: Array, u: Array, costates: Array) -> Array:
+    def switching(self, x: Array, u: Array, costates: Array) -> Array:
+        """The Hamiltonian's derivatives with respect to the controls, (..., nu)."""
+        return self._call("model", x, u, costates)[..., : u.shape[-1]]
+
+    def newton(self, x: Array, u: Array, costates: Array, units: Array) -> Array:
         """The controls at which the Hamiltonian's quadratic model is least, where it is convex."""
         nu = u.shape[-1]
         if not nu:
             return u
         model = self._call("model", x, u, costates)
-        gradient, curvature = model[..., :nu], model[..., nu:].reshape(*u.shape, nu)
-        curvatures = np.linalg.eigvalsh(np.nan_to_num(curvature))
+        gradient = units * model[..., :nu]
+        curvature = _finite(units[:, None] * units * model[..., nu:].reshape(*u.shape, nu))
+        curvatures = np.linalg.eigvalsh(curvature)
         convex = curvatures[..., 0] > ROUNDING * np.abs(curvatures).max(axis=-1)
         safe = np.where(convex[..., None, None], curvature, np.eye(nu))
-        step = -np.linalg.solve(safe, gradient[..., None])[..., 0]
+        step = -units * np.linalg.solve(safe, gradient[..., None])[..., 0]
         return np.asarray(u + np.where(convex[..., None], step, 0.0))
 
     def _call(self, name: str, x: Array, u: Array, costates: Array) -> Array:
-        phase, integral = self.phase, self.phase.integral if self.prices is not None else None
-        functions = phase.flow, phase.cost, phase.powers, integral and integral.function
-        prices = np.zeros(0) if self.prices is None else self.prices
-        constants = np.concatenate([self.p, prices, [phase.floor if phase.powers else 0.0]])
+        phase = self.phase
+        integral = phase.integral and phase.integral.function
+        constants = np.concatenate([self.p, self.prices, [phase.floor if phase.powers else 0.0]])
         joined = np.concatenate([u, costates], axis=-1)
-        return evaluated(_hamiltonian(*functions)[name], x, joined, constants)
+        functions = _hamiltonian(phase.flow, phase.cost, phase.powers, integral)
+        return evaluated(functions[name], x, joined, constants)
+
+
+def _finite(values: Array) -> Array:
+    return np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 @lru_cache(maxsize=64)
@@ -229,7 +287,7 @@ def _hamiltonian(
     return {name: ca.Function(name, arguments, [ca.densify(o)]) for name, o in outputs.items()}
 
 
-def _savings(view: _View, scales: PhaseScales) -> tuple[Array, Array]:
+def _savings(view: View, scales: PhaseScales) -> tuple[Array, Array]:
     """By how much another control would lower the Hamiltonian, at `PLACES`, (M, n).
 
     The second are the same where that control is none of Newton's: it is far away.
@@ -243,7 +301,8 @@ def _savings(view: _View, scales: PhaseScales) -> tuple[Array, Array]:
             values = np.where(_allowed(path, x, control, view.p, scales), values, np.inf)
         return values
 
-    now, near = value(u), value(np.clip(view.newton(x, u, costates), *view.phase.control_bounds()))
+    newton = view.newton(x, u, costates, scales.controls)
+    now, near = value(u), value(np.clip(newton, *view.phase.control_bounds()))
     far = np.min([now, *map(value, _tried(view, u))], axis=0)
     savings = np.nan_to_num(now - np.fmin(near, far), nan=0.0, posinf=0.0)
     return savings, np.where(far < near, savings, 0.0)
@@ -254,7 +313,7 @@ def _allowed(path: Constraint, x: Array, u: Array, p: Array, scales: PhaseScales
     return np.asarray((excess < ROUNDING).all(axis=-1))
 
 
-def _tried(view: _View, u: Array) -> Iterator[Array]:
+def _tried(view: View, u: Array) -> Iterator[Array]:
     """Controls that may be better than u: at their bounds, and as elsewhere in the phase."""
     if not u.shape[-1]:
         return

@@ -7,17 +7,18 @@ therefore given the problem; `load_phases` needs none.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import Certificate
+from trajopt.ocp.certificate import PLACES, Certificate, View
 from trajopt.ocp.constraints import Violation, pair
 from trajopt.ocp.layout import evaluated
 from trajopt.ocp.mesh import Mesh
@@ -27,6 +28,9 @@ from trajopt.ocp.scaling import Scales, scales_of
 from trajopt.ocp.trajectory import SAME_TIME, PhaseTrajectory, require_side
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.store import joined, provenance, read_arrays, split, write_arrays
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
@@ -288,6 +292,47 @@ class Extremal:
             others = ", ".join(f"{name} {unit:g}" for name, unit in units.items() if unit != 1.0)
             parts += [f"{phase.name}: {others}"] if others else []
         return "; ".join(parts)
+
+    def plot(self) -> Figure:
+        """The solution by time: states and controls, and beside them what tells of optimality.
+
+        Beside a state is its costate, beside a control its switching function, the derivative of
+        the Hamiltonian: where it is positive, less of the control would cost less. Thin lines are
+        the mesh's edges, thick ones the ends of phases.
+        """
+        from matplotlib.figure import Figure  # takes half a second
+
+        names = [list(each.states + each.controls) for each in self.problem.phases]
+        every = list(dict.fromkeys(itertools.chain(*names)))
+        figure = Figure((9.0, 1.6 * len(every)), layout="constrained")
+        axes = figure.subplots(len(every), 2, sharex=True, squeeze=False)
+        begins = [0.0, *self._ends[:-1]]
+        for i, (phase, path) in enumerate(zip(self.problem.phases, self.phases, strict=True)):
+            certificate = self.certificate
+            costates, prices = certificate.costates[i], certificate.prices[i]
+            view = View(phase, path, costates, self.parameters, prices)
+            x, u, slopes = view.inside()
+            sides = np.dstack([x, u]), np.dstack([slopes, view.switching(x, u, slopes)])
+            edges = begins[i] + path.edges
+            times = edges[:-1, None] + path.element_durations[:, None] * PLACES
+            for k, name in enumerate(names[i]):
+                for axis, values in zip(axes[every.index(name)], sides, strict=True):
+                    apart = np.full(len(times), np.nan)  # a gap between elements, where values jump
+                    axis.plot(
+                        np.column_stack([times, edges[1:]]).ravel(),
+                        np.column_stack([values[..., k], apart]).ravel(),
+                        color="C0",
+                    )
+            for axis in axes.flat:
+                axis.vlines(edges, 0, 1, "0.8", lw=0.4, transform=axis.get_xaxis_transform())
+                axis.axvline(edges[-1], color="0.6", lw=0.8)
+        for name, (left, right) in zip(every, axes, strict=True):
+            left.set_ylabel(name)
+            state = any(name in phase.states for phase in self.problem.phases)
+            right.set_ylabel(f"costate of {name}" if state else f"dH/d{name}")
+        for axis in axes[-1]:
+            axis.set_xlabel("time (s)")
+        return figure
 
     # -- files ----------------------------------------------------------------------------------
 

@@ -90,14 +90,14 @@ class Scales:
         return layout.join(parts)
 
 
+@np.errstate(invalid="ignore")  # functions need not be finite everywhere
 def scales_of(
     problem: Problem, trajectory: Sequence[PhaseTrajectory], parameters: Array | None = None
 ) -> Scales:
     """The scales along a trajectory."""
     p = middle(problem) if parameters is None else parameters
     balance = _Balance(problem, trajectory, p)
-    known = balance.known
-    units = balance.floored(np.where(known > 0.0, known, balance.implied(known)[0]))
+    units = balance.floored(balance.implied(balance.known)[0])
     *each, of_parameters = balance.split(units)
     samples = [
         _sampled(phase, path, states, controls)
@@ -193,10 +193,13 @@ class _Balance:
     def implied(self, known: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Units that balance the equations with the `known` ones, and which are determined.
 
-        Every term of x' = f, times the duration, has about the unit of x; and every term of a
-        linkage that of its target. In logarithms, that is a linear system. Its solution ignores
-        outliers: terms without weight.
+        Every term of x' = f, times the duration, has about the unit of x; every term of a linkage
+        that of its target; and a constraint has terms of about one size. In logarithms, that is a
+        linear system. Its solution ignores outliers: terms without weight.
         """
+        unknown = known <= 0.0
+        if not unknown.any():
+            return known, ~unknown
         rows, right = [], []
         for (plus, minus), size in self._terms():
             row = np.zeros(self.count)
@@ -204,8 +207,8 @@ class _Balance:
             np.add.at(row, minus, -1.0)
             rows.append(row)
             right.append(np.log10(size))
-        A, b, unknown = np.array(rows), np.array(right), known <= 0.0
-        A = A.reshape(len(b), self.count)
+        b = np.array(right)
+        A = np.array(rows).reshape(len(b), self.count)
         asked = np.any(A[:, unknown] != 0.0, axis=1)
         b = b[asked] - A[asked][:, ~unknown] @ np.log10(known[~unknown])
         M, weights = A[asked][:, unknown], np.ones(len(b))
@@ -229,6 +232,18 @@ class _Balance:
                 for j, column in enumerate(columns):
                     if column != state and slopes[i, j] > 0.0:
                         yield ([state], [duration, column]), slopes[i, j]
+        for phase, path, place in zip(
+            self.problem.phases, self.trajectory, self.places, strict=True
+        ):
+            columns = [*place.states, *place.controls]
+            samples = _sampled(phase, path, self.known[place.states], self.known[place.controls])
+            for constraint in filter(None, (phase.path, phase.integral)):
+                orders = _expansion(constraint.function)
+                value, slope, curvature = (_largest(order, samples, self.p) for order in orders)
+                for n, derivative in ((1, slope), (2, curvature)):
+                    each = derivative.reshape(len(columns), len(value))
+                    for j, i in np.argwhere((each > 0.0) & (value > 0.0)):
+                        yield ([columns[j]] * n, []), n * value[i] / each[j, i]
         for link in self.problem.linkages:
             source, target = self.places[link.source].states, self.places[link.target].states
             end = self.trajectory[link.source].end
@@ -270,6 +285,20 @@ def jacobian(function: ca.Function) -> ca.Function:
     arguments = function.sx_in()
     slopes = ca.jacobian(function(*arguments), ca.vertcat(*arguments))
     return ca.Function("jacobian", arguments, [ca.vec(ca.densify(slopes))])
+
+
+@lru_cache(maxsize=64)
+def _expansion(function: ca.Function) -> tuple[ca.Function, ...]:
+    """A traced function of (x, u, p), its derivatives with respect to x and u, and second ones.
+
+    Those are the derivatives with respect to each variable alone, in columns.
+    """
+    x, u, p = function.sx_in()
+    v, value = ca.vertcat(x, u), function(x, u, p)
+    slopes = ca.densify(ca.jacobian(value, v))
+    rows = [ca.diag(ca.hessian(row, v)[0]).T for row in ca.vertsplit(value)]
+    outputs = slopes, ca.densify(ca.vertcat(*rows))
+    return function, *(ca.Function("order", [x, u, p], [ca.vec(out)]) for out in outputs)
 
 
 # -- rows and cost --------------------------------------------------------------------------------
@@ -365,8 +394,9 @@ def _cost_scale(
     along = around = 0.0
     for phase, path, sampled in zip(problem.phases, trajectory, samples, strict=True):
         u = lagrange_matrix(path.control_nodes, path.nodes) @ path.controls
-        rates = running_cost(phase, path.states, u, p)
-        along += float(path.element_durations @ np.nan_to_num(np.abs(rates).mean(axis=1)))
+        rates = np.abs(running_cost(phase, path.states, u, p))
+        rates = np.where(np.isfinite(rates), rates, 0.0)
+        along += float(path.element_durations @ rates.mean(axis=1))
         rates = running_cost(phase, *sampled.around, p)
         around += path.duration * float(_typical(np.abs(rates[..., None]), None, 0.0)[0])
     if problem.endpoint_cost is not None:

@@ -54,6 +54,15 @@ def test_a_report_says_what_there_is_to_know() -> None:
         assert word in report
 
 
+def test_a_plot_has_every_state_and_control_beside_its_costate_or_switching_function() -> None:
+    figure = solved("fastest move").plot()
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["x", "costate of x", "v", "costate of v", "force", "dH/dforce"]
+    force, switching = (axes.lines[0].get_ydata() for axes in figure.axes[-2:])
+    known = ~np.isnan(force) & (np.abs(switching) > 1e-3)
+    assert np.array_equal(force[known] > 0.0, switching[known] < 0.0)  # full force, then full brake
+
+
 def test_solutions_survive_pickling() -> None:
     copy = pickle.loads(pickle.dumps(solved("gear")))
     assert copy.cost == solved("gear").cost
