@@ -33,6 +33,7 @@ from agents.learner import (
     SCRATCH,
     Learner,
     LearnerSettings,
+    PolicyParts,
     Training,
     learner_class,
 )
@@ -257,16 +258,18 @@ def train(
         KeyboardInterrupt: the training was stopped.
     """
     out, training = Path(out), config.training()
+    store, resumes = Store(out, training.identity, IDENTITY), (out / STATE).exists()
+    store.check()
+    start = None if resumes or config.init in INITS else _start(config, training)
     if training.prior == LAW:
         prior = law_prior(training.conditions, training.task, cache, progress)
         training = dataclasses.replace(training, prior=prior)
-    resumes = (out / STATE).exists()
-    learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
+    learner = learner_class(training.algo)(training, start)
     try:
         expert = None
         if not resumes and config.init == IMITATION:
             expert = expert_policy(config.expert, training.conditions, cache, progress)
-        with Store(out, training.identity, IDENTITY):  # what is refused above claims no folder
+        with store:  # what is refused above claims no folder
             trainer = Trainer(config, training, learner, out, progress)
             try:
                 if expert is not None:
@@ -279,18 +282,15 @@ def train(
         learner.close()
 
 
-def _new_learner(config: TrainingConfig, training: Training) -> Learner:
-    """The learner with which a training begins."""
-    kind = learner_class(training.algo)
-    if config.init in INITS:
-        return kind(training)
+def _start(config: TrainingConfig, training: Training) -> PolicyParts:
+    """The policy in the file from which a training begins."""
     start = fitting_policy(config.init, training.conditions)
-    if not issubclass(kind, learner_class(start.algo)):
+    if not issubclass(learner_class(training.algo), learner_class(start.algo)):
         raise CheckpointError(
             f"{config.init}: a policy of {start.algo}, which cannot start {training.algo}; use one "
             f"of {training.algo}"
         )
-    return kind(training, start.parts)
+    return start.parts
 
 
 class Trainer:
