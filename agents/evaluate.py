@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.outcomes import (
@@ -43,6 +42,7 @@ from rimless_gym.kernel.stepping import STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback.law import Floats
+from trajopt.pool import progress_bar
 from trajopt.store import jsonable
 
 
@@ -176,7 +176,7 @@ def evaluate(
     starts: Floats | None = None,
     command: float | Floats | None = None,
     control_period: float | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> Evaluation:
     """Let a policy walk in the vector environment, and measure it.
 
@@ -191,15 +191,15 @@ def evaluate(
         command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`, one or one for each
             start; None: the policy walks in `RimlessWheel-v0`. See also `evaluate_commanded`.
         control_period: how long an action is held (s), default: that of the environment.
-        progress: whether to show a progress bar.
+        progress: whether to show a progress bar on a terminal.
 
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
             finite or not states to start from, ranges or disturbances are not valid, or the
-            command or the control period is out of its range.
-        RuntimeError: a motion leaves the range of the model, or a machine that was drawn cannot
-            stand at its start.
+            command or the control period is out of its range, or longer than the protocol's
+            shortest span.
+        RuntimeError: a machine that was drawn cannot stand at its start.
     """
     require_callable("policy", policy)
     require_kind("protocol", protocol, Protocol)
@@ -213,6 +213,10 @@ def evaluate(
     if starts.ndim != 2 or starts.shape[1] != STATE_SIZE or not np.isfinite(starts).all():
         raise ValueError(f"starts: must be finite, of shape (N, {STATE_SIZE})")
     task, period = as_task(task, conditions.default_task), conditions.control.period
+    if protocol.alive < period:
+        raise ValueError(
+            f"alive = {protocol.alive} s: must be at least the control period, {period} s"
+        )
     n_intervals = round(protocol.duration / period)
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)
@@ -221,7 +225,7 @@ def evaluate(
     log = TouchdownLog(len(starts))
     late_steps, returns = np.zeros(len(starts)), np.zeros(len(starts))
     fallen, penalties = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
-    bar = tqdm(walks, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
+    bar = progress_bar("evaluate", progress, iterable=walks, total=n_intervals, leave=False)
     for index, interval in enumerate(bar):
         fallen[interval.running] = interval.info["failure"] != OK
         penalties[interval.running] = interval.info["reward_end"]
@@ -291,7 +295,7 @@ def evaluate_commanded(
     *,
     task: Task | Mapping[str, float] | None = None,
     control_period: float | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> tuple[Evaluation, ...]:
     """Evaluate a policy at each of some speeds that `RimlessWheelSpeed-v0` commands.
 

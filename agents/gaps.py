@@ -28,7 +28,7 @@ FIRST_CHANGE = 8
 
 
 def gap_to_optimum(
-    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = False
+    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = True
 ) -> float | None:
     """The gap at the walk's own speed (m/s), with gaits solved now; None without a walk or a gait.
 
@@ -37,14 +37,6 @@ def gap_to_optimum(
     found = [best_held(params, n, folder, progress) for n in ticks_around(params, speed)]
     gaits = tuple(gait for gait in found if gait is not None)
     return gap_to_front(cot, speed, CotFront(gaits)) if len(gaits) > 1 else None
-
-
-def gap_to_least(
-    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = False
-) -> float | None:
-    """The gap to the optimum at any speed; otherwise as `gap_to_optimum`."""
-    least = best_at_any_speed(params, speed, folder, progress) if speed > 0.0 else None
-    return None if least is None else cot / least.cot - 1.0
 
 
 def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
@@ -93,7 +85,7 @@ def best_at_any_speed(
     params: WheelParams,
     near: float | None,
     folder: Path,
-    progress: bool = False,
+    progress: bool = True,
     steps: Sequence[int] = FRONT_STEPS,
 ) -> Solution | None:
     """The held gait with the least CoT, by a pattern search over the length of a step.
@@ -133,7 +125,7 @@ def best_held(
     params: WheelParams,
     ticks: int,
     folder: Path,
-    progress: bool = False,
+    progress: bool = True,
     steps: Sequence[int] = FRONT_STEPS,
 ) -> Solution | None:
     """The best gait whose steps last so many control intervals; None if there is none.

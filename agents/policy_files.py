@@ -9,18 +9,21 @@ these policies, feedback laws about a gait, and two baselines.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import pkgutil
+import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts, Training, learner_class
-from agents.rollout import Policy, Seeing, controller_policy, learned_policy
+from agents.rollout import Policy, Predictor, Seeing, controller_policy, learned_policy
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import (
     LEG_RATE_SCALE,
@@ -62,19 +65,43 @@ COMMANDED_LAYOUT = (f"(speed - {MIDDLE_SPEED} m/s) / {SPEED_SCALE} m/s", "credit
 _REMEDY = "copy it again, or train it again with `rimless train`"
 
 
+#: What is known before a training: see `TrainingEffort`.
+NOTHING, LAW_STATES, LAW_ACTIONS = "none", "law's states", "law's actions"
+
+
+class TrainingEffort(NamedTuple):
+    """What a policy took, with the policies that it began from or imitates; None: not known.
+
+    Attributes:
+        prior: what was known before, such as `NOTHING`.
+        intervals: of control, and those that an expert labelled.
+        minutes: of one core.
+    """
+
+    prior: str | None = None
+    intervals: int | None = None
+    minutes: float | None = None
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> TrainingEffort:
+        """That in the record of a policy."""
+        return cls(*(record.get(name) for name in cls._fields))
+
+
 class CheckpointError(ValueError):
     """A policy file is missing, damaged, in another format, or for another machine or layout."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Checkpoint:
-    """A loaded policy.
+class Checkpoint(Predictor):
+    """A loaded policy. Its `predict` is that of stable-baselines3's models.
 
     Attributes:
+        policy: `act` as what is evaluated, with laws that see the state (`agents.rollout`).
+        conditions, params: machine and control in which it was trained.
         act: the policy: observations of the environment, (N, 6) or with a commanded speed (N, 8)
-            -> actions (N,) in [-1, 1].
+            -> actions (N,) in [-1, 1]; without N, a single one.
         algo: name of the learner.
-        conditions: machine and control in which it was trained.
         task: the reward that it was trained for.
         seed: of the training.
         parts: what the file held; the record has everything that was saved with the weights.
@@ -82,20 +109,9 @@ class Checkpoint:
 
     act: Seeing
     algo: str
-    conditions: Conditions
     task: Task
     seed: int
     parts: PolicyParts
-
-    @property
-    def policy(self) -> Policy:
-        """`act` as what is evaluated, with laws that see the state (`agents.rollout`)."""
-        return learned_policy(self.act)
-
-    @property
-    def params(self) -> WheelParams:
-        """The machine that it was trained on."""
-        return self.conditions.params
 
     @property
     def record(self) -> dict[str, Any]:
@@ -235,7 +251,7 @@ def load_policy(
             f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
             f"({error!r}), so it was edited or damaged; {_REMEDY}"
         ) from error
-    return Checkpoint(act, algo, conditions, task, seed, parts)
+    return Checkpoint(learned_policy(act), conditions, act, algo, task, seed, parts)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -271,34 +287,28 @@ def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
         algo, act, conditions = unpickled(path, params)
     except ValueError as error:
         raise CheckpointError(str(error)) from error
-    task, parts = conditions.default_task, PolicyParts({"algo": algo}, {})
-    return Checkpoint(act, algo, conditions, task, 0, parts)
+    record = {"algo": algo, "intervals": int(act.act.model.num_timesteps)}  # type: ignore[attr-defined]
+    task, parts = conditions.default_task, PolicyParts(record, {})
+    return Checkpoint(learned_policy(act), conditions, act, algo, task, 0, parts)
 
 
 @dataclasses.dataclass(frozen=True)
-class NamedPolicy:
+class NamedPolicy(Predictor):
     """A policy, and the conditions in which it walks.
 
     Attributes:
-        name: of the baseline, the law or the policy, or the file's path.
         policy: as the environment takes it.
-        conditions: machine and control, undisturbed.
-        task: for which a policy was trained; None for laws and baselines.
+        conditions, params: machine and control, undisturbed.
+        name: of the baseline, the law or the policy, or the file's path.
         gait: that a law holds; None for others.
         command: the commanded speed (m/s), if any.
+        effort: of a learned policy.
     """
 
     name: str
-    policy: Policy
-    conditions: Conditions
-    task: Task | None = None
     gait: Solution | None = None
     command: float | None = None
-
-    @property
-    def params(self) -> WheelParams:
-        """The machine."""
-        return self.conditions.params
+    effort: TrainingEffort = dataclasses.field(default_factory=TrainingEffort)
 
     @property
     def period(self) -> float:
@@ -317,7 +327,9 @@ def named_policy(
     """A baseline, a feedback law, a policy that comes with the package, or one in a file, by name.
 
     Args:
-        name: of the baseline, the law or the policy, or the file's path.
+        name: of the baseline, the law or the policy, the file's path, or module:name of a function
+            from observations (N, 6) to actions, or of a model with such a `predict`; it is in the
+            current folder or installed.
         gait_for: returns the gait of a machine that a law holds; called only for laws.
         params: the machine; None: a policy's own, that of the gait for laws, else BUILDABLE.
         seed: of random voltages.
@@ -325,11 +337,12 @@ def named_policy(
 
     Raises:
         ValueError: the gait is of another machine than `params`.
-        CheckpointError: there is no such law or policy, or the policy is for another machine.
+        CheckpointError: there is no such law, policy or function, or the policy is for another
+            machine.
         NoGaitError: there is no gait to hold.
     """
     if name in BASELINES:
-        return NamedPolicy(name, BASELINES[name](seed), Conditions(params or BUILDABLE))
+        return NamedPolicy(BASELINES[name](seed), Conditions(params or BUILDABLE), name)
     if name in laws.names():
         gait = gait_for(params or BUILDABLE)
         if params is not None and gait.params != params:
@@ -338,10 +351,40 @@ def named_policy(
                 "give a gait of the machine, or leave out params (--preset and --params)"
             )
         policy = controller_policy(gait.params, laws.design(name, gait))
-        return NamedPolicy(name, policy, Conditions(gait.params), gait=gait)
+        return NamedPolicy(policy, Conditions(gait.params), name, gait=gait)
+    if ":" in name and not Path(name).exists():
+        return NamedPolicy(_imported(name), Conditions(params or BUILDABLE), name)
     loaded = load_policy(name, params, trust_pickle=trust_pickle)
     conditions = Conditions(loaded.params, control=loaded.conditions.control)
-    return NamedPolicy(name, loaded.policy, conditions, loaded.task)
+    effort = TrainingEffort.of(loaded.record)
+    return NamedPolicy(loaded.policy, conditions, name, effort=effort)
+
+
+def _imported(name: str) -> Policy:
+    """The policy of a function, or of a model of stable-baselines3, of a module."""
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        predict = pkgutil.resolve_name(name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CheckpointError(
+            f"{name}: {error}; write module:function, with the module in this folder or installed"
+        ) from error
+    finally:
+        sys.path.pop(0)
+    if hasattr(predict, "predict"):
+        predict = functools.partial(predict.predict, deterministic=True)
+    if not callable(predict):
+        raise CheckpointError(
+            f"{name}: is of type {type(predict).__name__}; name a function or a model"
+        )
+
+    def act(observations: NDArray[np.float32]) -> Floats:
+        actions = predict(observations)
+        if isinstance(actions, tuple):  # with a state, as models of stable-baselines3 predict
+            actions = actions[0]
+        return np.asarray(actions, dtype=np.float64).reshape(-1)
+
+    return learned_policy(act)
 
 
 def _idle(states: Floats, observations: NDArray[np.float32]) -> Floats:

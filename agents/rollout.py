@@ -9,12 +9,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import real_array
 from rimless_gym.envs.layout import (
+    COMMANDED_SIZE,
     LEG_RATE_SCALE,
     OBSERVATION_SIZE,
     PENDULUM_RATE_SCALE,
@@ -27,6 +27,7 @@ from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats, require_machine
+from trajopt.pool import progress_bar
 
 #: Titles of feedback laws that are not simply their names with spaces.
 LAW_TITLES = {"input_output": "input-output", "lqr": "LQR", "pid": "PD"}
@@ -52,15 +53,16 @@ class Seeing:
     size: int
 
     def __call__(self, observations: NDArray[np.float32]) -> Floats:
-        """The actions, (N,).
+        """The actions, (N,); the action, (), for a single observation.
 
         Raises:
-            ValueError: the observations are not (N, size).
+            ValueError: the observations are neither (N, size) nor (size,).
         """
         shape = np.shape(observations)
-        if len(shape) != 2 or shape[1] != self.size:
-            raise ValueError(f"observations: must have shape (N, {self.size}), not {shape}")
-        return self.act(observations)
+        if len(shape) not in (1, 2) or shape[-1] != self.size:
+            size = self.size
+            raise ValueError(f"observations: must have shape ({size},) or (N, {size}), not {shape}")
+        return np.reshape(self.act(np.reshape(observations, (-1, self.size))), shape[:-1])
 
 
 def learned_policy(act: Act) -> Policy:
@@ -102,6 +104,55 @@ def seeing_policy(params: Machine, act: Act) -> Policy:
         return act(seen)
 
     return policy
+
+
+@dataclasses.dataclass(frozen=True)
+class Predictor:
+    """A policy in the shape of stable-baselines3's models, for what evaluates these.
+
+    Attributes:
+        policy: that acts; a feedback law is given the state that is observed.
+        conditions: in which it acts.
+    """
+
+    policy: Policy
+    conditions: Conditions
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self.conditions.params
+
+    def predict(
+        self,
+        observation: NDArray[np.float32],
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """The actions, and `state` as it was given; policies have neither memory nor noise.
+
+        Args:
+            observation: one or N of them, (6,) or (N, 6); (8,) or (N, 8) with a commanded speed.
+            state: of other policies' memories.
+            episode_start: changes nothing.
+            deterministic: changes nothing.
+
+        Returns:
+            Actions (1,) or (N, 1) in [-1, 1], and `state`.
+
+        Raises:
+            ValueError: the observations are of another shape.
+        """
+        size = COMMANDED_SIZE if self.conditions.commanded else OBSERVATION_SIZE
+        actions = Seeing(self._act, size)(np.asarray(observation, dtype=np.float32))
+        return np.clip(actions, -1.0, 1.0).astype(np.float32)[..., np.newaxis], state
+
+    def _act(self, observations: NDArray[np.float32]) -> Floats:
+        states = np.zeros((len(observations), STATE_SIZE))
+        states[:, :4] = measured(observations, self.params.leg_angle)
+        states[:, MODE] = observations[:, OBSERVATION_SIZE - 1]
+        return self.policy(states, observations)
 
 
 def law_title(law: str) -> str:
@@ -173,7 +224,6 @@ class Rollout:
         TypeError: the policy gives no real numbers.
         ValueError: the policy gives NaN or the wrong shape, a start is not a state in which the
             foot can press on the ground, or a speed is commanded where none is observed.
-        RuntimeError: a motion leaves the range of the model.
     """
 
     def __init__(
@@ -307,9 +357,8 @@ def episodes(
     observations, info = envs.reset(seed=seed, options=options)
     running, lengths = np.ones(envs.num_envs, dtype=bool), np.zeros(envs.num_envs, dtype=int)
     seen, noted, steps = [observations], [[info[name] for name in keep]], []
-    with tqdm(
-        total=envs.max_episode_steps, desc=progress, disable=not progress, leave=False
-    ) as bar:
+    length = envs.max_episode_steps
+    with progress_bar(progress or "", bool(progress), total=length, leave=False) as bar:
         while running.any():
             rows = running.nonzero()[0]
             actions = np.zeros((envs.num_envs, 1), dtype=np.float32)

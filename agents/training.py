@@ -17,7 +17,6 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
@@ -34,10 +33,20 @@ from agents.learner import (
     SCRATCH,
     Learner,
     LearnerSettings,
+    PolicyParts,
     Training,
     learner_class,
 )
-from agents.policy_files import CheckpointError, origin, save_policy
+from agents.policy_files import (
+    LAW_ACTIONS,
+    LAW_STATES,
+    NOTHING,
+    CheckpointError,
+    TrainingEffort,
+    origin,
+    read_record,
+    save_policy,
+)
 from agents.prior import LAW, Prior, law_prior
 from agents.reward_weight import economy
 from agents.rollout import Policy, learned_policy
@@ -48,7 +57,8 @@ from rimless_gym.envs.task import Task
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
-from trajopt.store import Store, write_bytes
+from trajopt.pool import progress_bar
+from trajopt.store import Store, jsonable, write_bytes
 
 with extra("learn"):
     import torch
@@ -237,7 +247,7 @@ def train(
         config: what to train.
         out: folder; new, or that of the same training.
         cache: folder of the experts' gaits and start-up controllers, which other trainings use too.
-        progress: whether to show progress bars.
+        progress: whether to show progress on a terminal.
 
     Raises:
         ValueError: an argument is out of range, `out` holds another training, or its state is
@@ -248,16 +258,18 @@ def train(
         KeyboardInterrupt: the training was stopped.
     """
     out, training = Path(out), config.training()
+    store, resumes = Store(out, training.identity, IDENTITY), (out / STATE).exists()
+    store.check()
+    start = None if resumes or config.init in INITS else _start(config, training)
     if training.prior == LAW:
         prior = law_prior(training.conditions, training.task, cache, progress)
         training = dataclasses.replace(training, prior=prior)
-    resumes = (out / STATE).exists()
-    learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
+    learner = learner_class(training.algo)(training, start)
     try:
         expert = None
         if not resumes and config.init == IMITATION:
             expert = expert_policy(config.expert, training.conditions, cache, progress)
-        with Store(out, training.identity, IDENTITY):  # what is refused above claims no folder
+        with store:  # what is refused above claims no folder
             trainer = Trainer(config, training, learner, out, progress)
             try:
                 if expert is not None:
@@ -270,18 +282,15 @@ def train(
         learner.close()
 
 
-def _new_learner(config: TrainingConfig, training: Training) -> Learner:
-    """The learner with which a training begins."""
-    kind = learner_class(training.algo)
-    if config.init in INITS:
-        return kind(training)
+def _start(config: TrainingConfig, training: Training) -> PolicyParts:
+    """The policy in the file from which a training begins."""
     start = fitting_policy(config.init, training.conditions)
-    if not issubclass(kind, learner_class(start.algo)):
+    if not issubclass(learner_class(training.algo), learner_class(start.algo)):
         raise CheckpointError(
             f"{config.init}: a policy of {start.algo}, which cannot start {training.algo}; use one "
             f"of {training.algo}"
         )
-    return kind(training, start.parts)
+    return start.parts
 
 
 class Trainer:
@@ -312,23 +321,27 @@ class Trainer:
         self._best, self._due, self._over = -math.inf, 0, -1
         self._minutes_before, self._began_at = 0.0, time.process_time()
         self._curve: list[Milestone] = []
+        self._before, self._labels = _effort_before(config), 0
+        if (out / CLONE).exists():
+            self._labels = read_record(out / CLONE)["cloning"]["samples"]
         if (out / STATE).exists():
             self._restore()
         self.stopped = False
         self.log = Logger(str(out), [TensorBoardOutputFormat(str(out))])
-        self._bar = tqdm(
+        self._bar = progress_bar(
+            f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
+            progress,
             total=self._total,
             initial=min(learner.steps, self._total),
-            desc=f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
             unit="step",
             unit_scale=True,
-            disable=not progress,
         )
 
     def imitate(self, expert: Policy) -> None:
         """Clone the expert."""
         cloning = as_cloning(self._config.cloning)
         report = self._learner.imitate(expert, cloning, self._progress)
+        self._labels = report.samples
         self._save_policy(CLONE, cloning=dataclasses.asdict(report))
 
     def run(self) -> None:
@@ -397,6 +410,7 @@ class Trainer:
             conditions.params,
             protocol,
             task=self._training.task,
+            progress=self._progress,
             ranges=conditions.ranges,
             disturbances=conditions.disturbances,
             command=None if speeds is None else np.linspace(*speeds, protocol.starts),
@@ -462,7 +476,27 @@ class Trainer:
 
     def _save_policy(self, name: str, **notes: Any) -> None:
         if self._learner.parts() is not None:
+            notes |= self._effort()
             save_policy(self._out / name, self._training, self._learner, **notes)
+
+    def _effort(self) -> dict[str, Any]:
+        """The `TrainingEffort` so far, and the learning curve with what came before added."""
+        prior, intervals, minutes = self._before
+        done = self._learner.steps * self._training.settings.intervals_per_step + self._labels
+        effort = TrainingEffort(
+            prior,
+            None if intervals is None else intervals + done,
+            None if minutes is None else minutes + self._minutes,
+        )
+        curve = [
+            dataclasses.asdict(each)
+            | {
+                "intervals": each.intervals + self._labels + (intervals or 0),
+                "minutes": each.minutes + (minutes or 0.0),
+            }
+            for each in self._curve
+        ]
+        return {**effort._asdict(), "curve": jsonable(curve)}
 
     def _require_finite(self) -> None:
         """Stop before a policy that is of no use is written over a good one."""
@@ -476,6 +510,16 @@ class Trainer:
             f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
             "another --out and a smaller learning_rate (--settings)"
         )
+
+
+def _effort_before(config: TrainingConfig) -> TrainingEffort:
+    """That of the policy from which a training begins, or which it imitates."""
+    source = config.expert if config.init == IMITATION else config.init
+    if not isinstance(source, str) or source in (*INITS, *laws.names()):
+        before = TrainingEffort(LAW_ACTIONS if config.init == IMITATION else NOTHING, 0, 0.0)
+    else:
+        before = TrainingEffort.of(read_record(source))
+    return before if config.prior is None else before._replace(prior=LAW_STATES)
 
 
 @contextmanager

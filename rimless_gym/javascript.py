@@ -2,16 +2,14 @@
 
 The physics is not written again: the functions of `rimless_gym.equations`, `rimless_gym.hybrid` and
 others that numba compiles and CasADi traces are printed here, line by line, from their syntax
-trees. They use little of Python: arithmetic, comparisons, branches, tuples and each other. Named
-tuples become objects, plain ones arrays. The stepper is `stepping.js`.
+trees (`rimless_gym.tracing`). Named tuples become objects, plain ones arrays. The stepper is
+`stepping.js`.
 """
 
 from __future__ import annotations
 
 import ast
-import inspect
 import json
-from collections.abc import Iterator
 from importlib.resources import files
 from types import ModuleType
 
@@ -19,9 +17,11 @@ from scipy.integrate import DOP853
 
 from rimless_gym import equations, hybrid, params
 from rimless_gym.envs import layout
+from rimless_gym.tracing import names_within, syntax_trees
 
 #: The functions that are printed, by the module they stand in; of the equations, all.
 PRINTED: dict[ModuleType, tuple[str, ...]] = {
+    equations: names_within(equations.equations),
     params: ("leg_angle_of", "step_length_of", "reach_of", "rod_reach", "constants_of"),
     hybrid: ("both_feet_press", "rocks_too_fast", "after_touchdown", "after_lift_off"),
     layout: ("observation", "_within"),
@@ -63,22 +63,11 @@ def simulator() -> str:
         _PRELUDE,
         "\n".join(f"const {name} = {json.dumps(value)};" for name, value in constants.items()),
         f"const Landing = ({(names := ', '.join(hybrid.Landing._fields))}) => ({{ {names} }});",
-        *(_function(node) for node in _printed()),
+        *(_function(node) for _, node in syntax_trees(PRINTED)),
         (files("rimless_gym") / "stepping.js").read_text(encoding="utf-8"),
     ]
     body = "\n\n".join(parts)
     return f"const wheel = (() => {{\n'use strict';\n{body}}})();\n"
-
-
-def _printed() -> Iterator[ast.FunctionDef]:
-    """The functions to print, as syntax trees."""
-    for node in ast.walk(ast.parse(inspect.getsource(equations.equations))):
-        if isinstance(node, ast.FunctionDef) and node.name != "equations":
-            yield node
-    for module, names in PRINTED.items():
-        for node in ast.parse(inspect.getsource(module)).body:
-            if isinstance(node, ast.FunctionDef) and node.name in names:
-                yield node
 
 
 def _function(node: ast.FunctionDef) -> str:

@@ -23,11 +23,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from filelock import FileLock
-from numba import njit, types
+from numba import config, njit, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.typing.templates import infer_global
+
+if config.DISABLE_JIT:
+    raise ValueError("NUMBA_DISABLE_JIT is set: the simulator runs only compiled; unset it")
 
 F = TypeVar("F", bound=Callable[..., Any])
 

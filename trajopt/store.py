@@ -32,6 +32,9 @@ HEADER, DIGEST = "header", "digest"
 #: The format of a store's arrays.
 ARRAYS = "rimless-gym arrays 1"
 
+#: Most bytes that the arrays of a file from elsewhere may take, a hundred times what they do.
+MOST_BYTES = 2**28
+
 #: Seconds after which an unfinished file counts as abandoned by a killed process.
 ABANDONED = 3600.0
 
@@ -73,7 +76,10 @@ class Store:
         self._lock = FileLock(self.folder / ".lock", timeout=0)
         try:
             self._lock.acquire()
-            self._claim()
+            self.check()
+            if self._inputs and not self._record.exists():
+                text = json.dumps({"inputs": self._inputs, **provenance()}, indent=1)
+                write_text(self._record, text + "\n")
         except Timeout:
             raise ValueError(
                 f"another process is working in {self.folder}: wait until it ends, or choose "
@@ -97,7 +103,8 @@ class Store:
         if content is None:
             raise KeyError(f"{self.folder / key}: no result, or changed since it was saved")
         if f"{key}.npz" in content["files"]:
-            _, arrays = read_arrays(self._path(key, "npz"), ARRAYS, ValueError, "compute it again")
+            path, most = self._path(key, "npz"), math.inf  # written here, and of any size
+            _, arrays = read_arrays(path, ARRAYS, ValueError, "compute it again", most)
         return joined(content["value"], arrays)
 
     def save(self, key: str, value: Any, files: Iterable[str | Path] = ()) -> None:
@@ -122,8 +129,8 @@ class Store:
         text = json.dumps(content | {DIGEST: _signature(content)}, indent=1)
         write_text(self._path(key, "json"), text + "\n")
 
-    def _claim(self) -> None:
-        """Record the inputs, or check that they are those of the folder."""
+    def check(self) -> None:
+        """Refuse a folder that holds results of other or unknown inputs with a ValueError."""
         inputs = json.loads(json.dumps(self._inputs))
         if not self._record.exists():
             if inputs and any(path.stem in self for path in self.folder.glob("*.json")):
@@ -131,9 +138,6 @@ class Store:
                     f"{self.folder} holds results but no {self._record.name}, so that their inputs "
                     "are unknown: choose another folder"
                 )
-            if inputs:
-                text = json.dumps({"inputs": inputs, **provenance()}, indent=1)
-                write_text(self._record, text + "\n")
             return
         try:
             known = dict(json.loads(self._record.read_bytes())["inputs"])
@@ -203,19 +207,27 @@ def write_arrays(
 
 
 def read_arrays(
-    path: str | Path | IO[bytes], form: str, error: type[Exception], remedy: str
+    path: str | Path | IO[bytes],
+    form: str,
+    error: type[Exception],
+    remedy: str,
+    most: float = MOST_BYTES,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """The header and the arrays that `write_arrays` wrote, of a file or an open file.
 
     Raises:
         FileNotFoundError: there is no such file.
-        Exception: `error`, with `remedy`, if it is of another format, or was edited or damaged.
+        Exception: `error`, with `remedy`, if it is of another format, was edited or damaged, or
+            would take more than `most` bytes in memory.
     """
     if isinstance(path, str | Path) and not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
         source = Path(path).open("rb") if isinstance(path, str | Path) else path  # noqa: SIM115
         with source as file, np.load(file, allow_pickle=False) as data:
+            size = sum(entry.file_size for entry in data.zip.infolist())  # before any is read
+            if size > most:
+                raise ValueError(f"{size} bytes of arrays, and at most {most} are read")
             arrays = {name: data[name] for name in data.files}
         header = json.loads(str(arrays[HEADER]))
         written = header.pop("format")

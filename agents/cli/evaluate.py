@@ -33,15 +33,18 @@ COLUMNS = (
     ("walking_share", "walking"),
     ("speed", "speed m/s"),
     ("cot", "CoT"),
-    ("cot_with_regeneration", "CoT regen."),
     ("over_least", "over least CoT"),
     ("gap", "gap"),
+    ("return_20_s", "return m"),
+    ("return_share", "of the best"),
     ("friction_demand", "friction"),
     ("impulse_friction_demand", "at touchdown"),
     ("min_normal_force_over_weight", "least Fy/weight"),
     ("min_clearance", "clearance m"),
-    ("steps_per_period", "steps/period"),
 )
+
+#: A commanded speed is kept if the walk's differs from it by no more than this share.
+KEPT = 0.05
 
 
 def evaluate(
@@ -55,6 +58,7 @@ def evaluate(
     no_gap: Flag = False,
     trust_pickle: Flag = False,
     seeds: Flag = False,
+    headline: Flag = False,
     json_: Annotated[bool, arg(name="json", help_behavior_hint="")] = False,
     preset: MaybePreset = None,
     params: Fields = None,
@@ -67,13 +71,17 @@ def evaluate(
     it still takes steps at the end, and if in the last 30 s its foot is pressed down and does not
     slip, and its pendulum does not touch the floor. Two figures compare its CoT with that of the
     best periodic gait of 1 to 3 steps per stride whose voltage is held for 10 ms: "over least CoT"
-    at any speed, the gap at the walked speed.
+    at any speed, the gap at the walked speed. Policies that decide at other intervals are compared
+    with the shipped gaits, whose voltage may change at any time. "return" is the mean one of an
+    episode of 20 s, start-up included, "of the best" its share of what the best gait returns (at
+    the commanded speed, if any) that is walked from the first moment.
 
     Args:
-        policies: a policy's file (.zip), a policy that comes with the package, or a feedback law;
+        policies: a policy's file (.zip), a policy that comes with the package, a feedback law, or
+            module:name of a function of observations (N, 6), or of a model with such a `predict`;
             `rimless list` names them
         gait: file of the gait that laws hold (.npz)
-        speed: of the gait that laws hold (m/s); by default 0.5
+        speed: of the gait that laws hold (m/s); by default 0.62
         steps: per stride, of the gait that laws hold; by default 1
         commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
             range that they were trained for
@@ -83,6 +91,7 @@ def evaluate(
         trust_pickle: also read files of plain stable-baselines3, which runs any code their author
             put in
         seeds: the policies are seeds of one training: print interquartile mean and 95 % interval
+        headline: print rows of the README's table
         json_: print everything as JSON
         preset: machine that the policies must be for; by default the one each was trained on
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
@@ -97,6 +106,7 @@ def evaluate(
 
     if not policies:
         raise ValueError("name a policy or a feedback law; `rimless list` lists them")
+    _require_distinct(policies)
     if gap and no_gap:
         raise ValueError("--gap and --no-gap exclude each other")
     params_ = machine(preset, params) if preset or params else None
@@ -106,7 +116,7 @@ def evaluate(
 
         if gait is not None:
             return Solution.load(gait)
-        return periodic_gait(params, speed or 0.5, steps or 1, progress=True)
+        return periodic_gait(params, speed or 0.62, steps or 1, progress=True)
 
     named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:
@@ -127,7 +137,6 @@ def evaluate(
             result = measured(
                 w.policy,
                 w.params,
-                task=w.task,
                 command=w.command,
                 control_period=w.period,
                 progress=True,
@@ -143,9 +152,27 @@ def evaluate(
         results = dict(zip(names, rows, strict=True))
         report = {"policies": results, "over_seeds": summary, **shared, **provenance()}
         print(json.dumps(report, indent=1))
+    elif headline:
+        print(headline_rows(named, rows))
     else:
         print(table(names, rows, summary))
     return 0
+
+
+def _require_distinct(policies: Sequence[str]) -> None:
+    """Refuse a policy that is named twice, be it by two copies of its file."""
+    from agents.policy_files import CheckpointError, find_policy
+    from trajopt.store import file_digest
+
+    named: dict[str | None, str] = {}
+    for name in policies:
+        try:
+            content = file_digest(find_policy(name))
+        except CheckpointError:  # a law, or no such file
+            content = name
+        if content in named:
+            raise ValueError(f"{name}: is the same policy as {named[content]}; name each once")
+        named[content] = name
 
 
 def _at_commands(
@@ -173,26 +200,64 @@ def _quick(params: WheelParams) -> bool:
 
 
 def _row(w: NamedPolicy, result: Evaluation, gaits: Path | None) -> dict[str, Any]:
-    """The figures of a policy, with its gaps to optimal gaits if there is a folder for these.
-
-    The optimum changes its voltage every control period; other policies have no gaps.
-    """
-    from agents.gaps import gap_to_least, gap_to_optimum
-    from rimless_gym.hybrid import CONTROL_PERIOD
-
-    figures: dict[str, float | None] = dict.fromkeys(("over_least", "gap"))
-    if gaits is not None and w.period == CONTROL_PERIOD:
-        walk = w.params, result.cot, result.speed, gaits
-        figures = {
-            "over_least": gap_to_least(*walk, progress=True),
-            "gap": gap_to_optimum(*walk, progress=True),
-        }
+    """The figures of a policy, compared with optimal gaits if there is a folder for these."""
+    figures: dict[str, Any] = dict.fromkeys(("over_least", "gap", "return_share"))
+    if gaits is not None:
+        figures = _compared(w, result, gaits)
+    kept = None
+    if w.command is not None and result.walking_share:
+        kept = abs(result.speed / w.command - 1.0) <= KEPT
     return {
         **result.to_dict(),
         **figures,
+        "return_20_s": float(result.returns.mean()),
         "command": w.command,
+        "command_kept": kept,
         "control_period": w.period,
     }
+
+
+def _compared(w: NamedPolicy, result: Evaluation, gaits: Path) -> dict[str, Any]:
+    """The gaps to optimal gaits, and the share of the best one's return."""
+    from agents.evaluate import EPISODE
+    from agents.gaps import best_at_any_speed, gap_to_front, gap_to_optimum, reward_rate
+    from rimless_gym.hybrid import CONTROL_PERIOD
+    from trajopt.gaits.fronts import shipped_front
+
+    front = shipped_front(w.params) if _quick(w.params) else None
+    least = gap = rate = None
+    if w.period == CONTROL_PERIOD:
+        least = best_at_any_speed(w.params, result.speed, gaits, progress=True)
+        gap = gap_to_optimum(w.params, result.cot, result.speed, gaits, progress=True)
+    elif front is not None:
+        least = min(front.envelope, key=lambda gait: gait.cot)
+        gap = gap_to_front(result.cot, result.speed, front)
+    if w.command is None and least is not None:
+        rate = reward_rate(least)
+    elif w.command is not None and front is not None:
+        weight = w.conditions.default_task.distance_weight
+        rate = (weight - float(front(w.command))) * w.command
+    return {
+        "over_least": None if least is None else result.cot / least.cot - 1.0,
+        "gap": gap,
+        "return_share": None if rate is None else float(result.returns.mean()) / (EPISODE * rate),
+    }
+
+
+def headline_rows(named: Sequence[NamedPolicy], rows: Sequence[dict[str, Any]]) -> str:
+    """The policies in a table as that of the README."""
+    from agents.comparison.table import headline_table, policy_row
+
+    shown = []
+    for policy, figures in zip(named, rows, strict=True):
+        row = dataclasses.replace(
+            policy_row(policy.name, figures, figures["gap"], None),
+            over_least=figures["over_least"],
+            return_share=figures["return_share"],
+            **policy.effort._asdict(),
+        )
+        shown.append((policy.name, row, "-"))
+    return headline_table(shown)
 
 
 def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -200,7 +265,7 @@ def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     from agents.evaluate import bootstrap_interval, interquartile_mean
 
     summary: dict[str, Any] = {}
-    for name, _ in COLUMNS[:-1]:
+    for name, _ in COLUMNS:
         values = [row[name] for row in rows if row[name] is not None]
         if values:
             low, high = bootstrap_interval(values)
@@ -224,6 +289,8 @@ def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[st
             count, starts = sum(row["failures"].values()), row["protocol"]["starts"]
             reasons = ", ".join(f"{n} {outcome}" for outcome, n in row["failures"].items())
             lines.append(f"{name}: {count} of {starts} starts do not count ({reasons})")
+        if row["command_kept"] is False:
+            lines.append(f"{name}: walks at {row['speed']:.3f} m/s; the command is not kept")
     return "\n".join(lines)
 
 
@@ -231,4 +298,5 @@ def _cell(column: str, figure: float | None) -> str:
     """A figure of the table; a dash where nothing walks, or there is nothing to compare with."""
     if figure is None or not math.isfinite(figure):
         return f"{'-':>16}"
-    return f"{figure:>+16.1%}" if column in ("over_least", "gap") else f"{figure:16.4g}"
+    forms = {"over_least": "+16.1%", "gap": "+16.1%", "return_share": "16.0%"}
+    return format(figure, forms.get(column, "16.4g"))

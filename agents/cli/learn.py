@@ -8,6 +8,7 @@ from pathlib import Path
 from agents.cli.options import (
     Count,
     Fields,
+    Flag,
     MaybePositive,
     MaybeRange,
     MaybeWhole,
@@ -107,22 +108,24 @@ def compare(
     evolution_timesteps: Whole = 600_000_000,
     starts: Whole = 4,
     front: Range = (0.55, 0.64),
+    retrain: Flag = False,
     workers: MaybeWhole = None,
 ) -> int:
     """Compare learned with optimal cost of transport, at several speeds: the main job.
 
     Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
-    latter with feedback, clones the feedback law, fine-tunes the clone with CMA-ES, trains PPO and
-    evolution from scratch, and measures them all in the same way. Writes results.json, table.md,
-    plots, an animation, and report.html. However it was stopped, the same command continues, and
-    ends with the same table.
+    latter with feedback, clones the feedback law, trains PPO from scratch, and measures them and
+    the policies that come with the package in the same way: evolution, fine-tuned and distilled
+    networks, which are trained where the machine, the speed, the seed or their control intervals
+    are others. Writes results.json, table.md, plots, an animation, and report.html. However it was
+    stopped, the same command continues, and ends with the same table.
 
     Args:
         out: folder of the results
         preset: machine; BUILDABLE and THESIS_PHYSICAL have shipped gaits
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
-        speed: of all laws and clones (m/s)
-        further: speeds of the best law and its clone too (m/s)
+        speed: of all laws and the clone (m/s)
+        further: speeds at which the optimum and the policy for the front are shown too (m/s)
         steps: of the gait, per stride
         seed: of everything random
         timesteps: control intervals of fine-tuning
@@ -130,6 +133,7 @@ def compare(
         evolution_timesteps: control intervals of evolution
         starts: random starts of the search for the gait
         front: speeds of the optimal front (m/s)
+        retrain: train also what comes with the package
         workers: processes; by default as many as cores
     """
     from agents.comparison.compare import compare as compared
@@ -150,6 +154,7 @@ def compare(
         evolution_timesteps=evolution_timesteps,
         starts=starts,
         front=front,
+        retrain=retrain,
     )
     require_folder(out)
     try:

@@ -65,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def usage() -> str:
     """All commands, one a line."""
-    lines = [f"  {word:9} {(f.__doc__ or '').splitlines()[0]}" for word, f in COMMANDS.items()]
+    about = {word: (f.__doc__ or "").partition("\n")[0] for word, f in COMMANDS.items()}
+    lines = [f"  {word:9} {line}" for word, line in about.items()]
     return "\n".join(
         [
             "usage: rimless COMMAND ...",
@@ -93,6 +94,8 @@ def run(
         program: its name in help.
     """
     words = joined_fields(sys.argv[1:] if arguments is None else arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # as on stderr: a file may have any name
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         with _unread_quietly(), _terminated_like_ctrl_c():
             return _parsed(command, words, program)()

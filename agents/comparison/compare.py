@@ -20,7 +20,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from agents.comparison.figures import write_figures
-from agents.comparison.methods import LearnedMethod, Method, Result, learning_curve, methods
+from agents.comparison.methods import LearnedMethod, Method, Result, ShippedMethod, methods
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import Row, attained_rows, by_speed, format_table
 from agents.film import GroupFilm, ghost, record_policy, times
@@ -31,7 +31,7 @@ from trajopt.pool import run
 from trajopt.store import Store, jsonable, provenance, write_text
 
 #: Of the results in a study's folder.
-FORMAT = 3
+FORMAT = 4
 
 #: Seconds of a walk that are animated, and pictures of the animation per second.
 ANIMATED, FPS = 10.0, 20
@@ -72,8 +72,12 @@ def compare(
         report = {**inputs, "table": rows, "results": results, **provenance()}
         write_text(out / "results.json", json.dumps(jsonable(report), indent=1) + "\n")
         write_text(out / "table.md", format_table(rows) + "\n")
-        learned = [method for method in compared if isinstance(method, LearnedMethod)]
-        curves = {each.curve: learning_curve(each, results) for each in learned if each.curve}
+        curves = {
+            each.title: results[each.name]["curve"]
+            for each in compared
+            if isinstance(each, LearnedMethod | ShippedMethod) and each.curve
+            if results[each.name]["curve"]  # not all policies have kept theirs
+        }
         write_figures(setting, rows, curves)
         _animate(setting)
     return rows
@@ -134,7 +138,7 @@ def _compute(setting: Setting, alone: bool, method: Method) -> float:
 def _animate(setting: Setting) -> None:
     """Animate a walk of the clone beside the optimum."""
     clone = load_policy(setting.out / IMITATION / CLONE)
-    policy = NamedPolicy(IMITATION, clone.policy, clone.conditions)
+    policy = NamedPolicy(clone.policy, clone.conditions, IMITATION)
     recording = record_policy(policy, ANIMATED)
     gait = setting.held_gait(setting.study.speed)
     race = GroupFilm([recording, ghost(gait, recording)])

@@ -33,7 +33,7 @@ MARKERS = "osD^vP"
 #: The abscissae of learning curves: entries of a milestone, and their labels.
 ACROSS = {
     "intervals": "control intervals of training",
-    "minutes": "minutes of one core, cloning included",
+    "minutes": "minutes of one core, those of what it began from included",
 }
 
 
@@ -158,14 +158,14 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     figure, panels = plt.subplots(
         2, 2, figsize=(10.4, 6.4), sharex="col", sharey="row", layout="constrained"
     )
-    for name, curve in curves.items():
+    for marker, (name, curve) in zip(MARKERS, curves.items(), strict=False):
         colour = COLOURS[colour_of_policy(name)]
         gaps = [milestone_gap(each, front) for each in curve]
         shares = [100.0 * float(each["walking_share"]) for each in curve]
         for row, values in zip(panels, (gaps, shares), strict=True):
             for axes, across in zip(row, ACROSS, strict=True):
                 x = [each[across] for each in curve]
-                axes.plot(x, values, "o-", markersize=4.0, color=colour, label=name)
+                axes.plot(x, values, f"{marker}-", markersize=4.0, color=colour, label=name)
     for axes, label in zip(panels[1], ACROSS.values(), strict=True):
         axes.set_xlabel(label)
     panels[0, 0].set_xscale("symlog", linthresh=1e5)

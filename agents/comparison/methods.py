@@ -20,7 +20,7 @@ from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, SCRATCH
-from agents.policy_files import PRETRAINED, load_policy
+from agents.policy_files import PRETRAINED, TrainingEffort, load_policy, read_record
 from agents.rollout import controller_policy, law_title
 from agents.training import TrainingConfig, train
 from rimless_gym.envs.task import USUAL_TASK
@@ -70,59 +70,18 @@ def methods(study: Study) -> tuple[Method, ...]:
         FrontMethod("held_front", ("front",), held=True),
         OptimalGait("least", "optimal at any speed", least_gait, ("held_front",)),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
-        *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
-        *_holding(study),
+        *(LawMethod(name, name, (EXPERT,)) for name in others),
+        LawMethod(EXPERT, EXPERT, ("held_front",)),
         *front_policy(study),
         LearnedMethod(
-            "scratch",
-            SCRATCH,
-            {"PPO from scratch": BEST},
-            budget="scratch_timesteps",
-            curve="PPO from scratch",
+            "imitation", IMITATION, "imitation", CLONE, (EXPERT,), at_study_speed=True, curve=True
+        ),
+        LearnedMethod(
+            "scratch", SCRATCH, "PPO from scratch", BEST, budget="scratch_timesteps", curve=True
         ),
         *prior_policy(study),
-        LearnedMethod(
-            "evolution",
-            SCRATCH,
-            {"evolution from scratch": BEST},
-            algo="evolution",
-            budget="evolution_timesteps",
-            curve="evolution from scratch",
-        ),
-        LearnedMethod(
-            "distilled",
-            IMITATION,
-            {"evolution, distilled into a network": CLONE},
-            after=("evolution",),
-            teacher=f"evolution/{BEST}",
-        ),
+        *(_shipped_trainings() if study.shipped else TRAININGS),
     )
-
-
-def _holding(study: Study) -> Iterator[Method]:
-    """The best law at every speed, and its clone; the clone of the study's speed fine-tuned."""
-    for speed in study.speeds:
-        main = speed == study.speed
-        end = "" if main else f"_{speed:g}"
-        law, clone = f"{EXPERT}{end}", f"imitation{end}"
-        yield LawMethod(law, EXPERT, speed, ("held_front",))
-        yield LearnedMethod(
-            clone,
-            IMITATION,
-            {"imitation": CLONE},
-            after=(law,),
-            speed=speed,
-        )
-        if main:
-            yield LearnedMethod(
-                "fine_tuned",
-                f"{clone}/{CLONE}",
-                {"fine-tuned by CMA-ES": BEST},
-                after=(clone,),
-                algo="cma_es",
-                budget="timesteps",
-                curve="fine-tuned by CMA-ES",
-            )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -283,54 +242,56 @@ def _held_front(setting: Setting) -> CotFront:
 
 @dataclasses.dataclass(frozen=True)
 class LawMethod:
-    """A feedback law that holds the environment's best gait nearest to a speed.
+    """A feedback law that holds the environment's best gait nearest to the study's speed.
 
     Attributes:
-        name, after: see `Method`. The first law for a gait computes the start-up for all.
+        name, after: see `Method`. The first law computes the start-up for all.
         law: one of `trajopt.feedback.laws.names()`.
-        speed: one of the study's (m/s).
     """
 
     name: str
     law: str
-    speed: float
     after: tuple[str, ...]
 
     def compute(self, setting: Setting) -> Result:
         """Evaluate it."""
-        controller = laws.design(self.law, setting.held_gait(self.speed), setting.out)
+        gait = setting.held_gait(setting.study.speed)
+        controller = laws.design(self.law, gait, setting.out)
         return {"evaluations": [setting.evaluated(controller_policy(setting.params, controller))]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row."""
         title = f"{law_title(self.law)} about the optimum"
         (evaluation,) = result["evaluations"]
-        return [_policy_row(setting, title, evaluation, self.speed)]
+        return [_policy_row(setting, title, evaluation, setting.study.speed)]
 
 
 @dataclasses.dataclass(frozen=True)
 class LearnedMethod:
-    """A learner's policies.
+    """A learner's policy.
 
     Attributes:
         name, after: see `Method`; the name is that of the folder of its training, too.
         init: "scratch", "imitation", or a policy's file in the study's folder.
-        shown: title of a row -> the policy's file in the training's folder.
+        title: of its row.
+        file: of the policy in the training's folder.
         algo: the learner.
-        speed: the study's speed that it walks at (m/s); None: it chooses its speed itself.
+        at_study_speed: whether it walks at the study's speed; else it chooses its speed itself.
         budget: the field of the study that has its control intervals; None: it is not trained.
-        curve: its name in the plot of learning curves; None: it is not in it.
+        curve: whether it is in the plot of learning curves.
         teacher: a policy's file in the study's folder that is imitated; None: the best law is.
     """
 
     name: str
     init: str
-    shown: dict[str, str]
+    title: str
+    file: str
     after: tuple[str, ...] = ()
+    _: dataclasses.KW_ONLY
     algo: str = "ppo"
-    speed: float | None = None
+    at_study_speed: bool = False
     budget: str | None = None
-    curve: str | None = None
+    curve: bool = False
     teacher: str | None = None
 
     def compute(self, setting: Setting) -> Result:
@@ -344,22 +305,18 @@ class LearnedMethod:
             expert=self._expert(setting),
         )
         trained = train(config, setting.out / self.name, progress=setting.progress)
-        files = [f"{self.name}/{file}" for file in self.shown.values()]
+        file = setting.out / self.name / self.file
         return {
-            "evaluations": [
-                setting.evaluated(load_policy(setting.out / file).policy) for file in files
-            ],
-            "timesteps": trained.timesteps,
-            "curve": jsonable([dataclasses.asdict(milestone) for milestone in trained.curve]),
-            "files": files,
+            "evaluations": [setting.evaluated(load_policy(file).policy)],
+            "effort": TrainingEffort.of(read_record(file))._asdict(),
+            "curve": read_record(trained.last)["curve"],
+            "files": [f"{self.name}/{self.file}"],
         }
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
-        """A row for each policy shown."""
-        return [
-            _policy_row(setting, title, evaluation, self.speed)
-            for title, evaluation in zip(self.shown, result["evaluations"], strict=True)
-        ]
+        """Its row."""
+        speed = setting.study.speed if self.at_study_speed else None
+        return [_policy_row(setting, self.title, result["evaluations"][0], speed, result["effort"])]
 
     def _expert(self, setting: Setting) -> Controller | str:
         """The expert to imitate, for `train`."""
@@ -367,18 +324,34 @@ class LearnedMethod:
             return str(setting.out / self.teacher)
         if self.init != IMITATION:
             return EXPERT
-        gait = setting.held_gait(setting.study.speed if self.speed is None else self.speed)
-        return laws.design(EXPERT, gait, setting.out)
+        return laws.design(EXPERT, setting.held_gait(setting.study.speed), setting.out)
 
 
-def learning_curve(
-    learned: LearnedMethod, results: Mapping[str, Result]
-) -> list[dict[str, float | None]]:
-    """The milestones of a training. Their minutes include those of the trainings it began from."""
-    before = [results[name]["curve"] for name in learned.after if "curve" in results[name]]
-    minutes = sum(curve[-1]["minutes"] for curve in before)
-    curve: list[dict[str, Any]] = results[learned.name]["curve"]
-    return [each | {"minutes": minutes + each["minutes"]} for each in curve]
+#: Trainings whose policies come with the package, under the names of the methods.
+TRAININGS = (
+    LearnedMethod(
+        *("fine_tuned", f"{IMITATION}/{CLONE}", "fine-tuned by CMA-ES", BEST, (IMITATION,)),
+        algo="cma_es",
+        budget="timesteps",
+        curve=True,
+    ),
+    LearnedMethod(
+        *("evolution", SCRATCH, "evolution from scratch", BEST),
+        algo="evolution",
+        budget="evolution_timesteps",
+        curve=True,
+    ),
+    LearnedMethod(
+        *("distilled", IMITATION, "evolution, distilled into a network", CLONE, ("evolution",)),
+        teacher=f"evolution/{BEST}",
+    ),
+)
+
+
+def _shipped_trainings() -> Iterator[ShippedMethod]:
+    """What the package has of `TRAININGS`."""
+    for each in TRAININGS:
+        yield ShippedMethod(PRETRAINED[each.name], each.title, curve=each.curve)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -388,11 +361,13 @@ class ShippedMethod:
     Attributes:
         file, title: of the policy, and of its rows.
         commands: speeds at which it walks (m/s); none: it chooses its speed itself.
+        curve: whether it is in the plot of learning curves.
     """
 
     file: Path
     title: str
     commands: tuple[float, ...] = ()
+    curve: bool = False
     after: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -404,8 +379,12 @@ class ShippedMethod:
     def compute(self, setting: Setting) -> Result:
         """Evaluate it."""
         policy = load_policy(self.file)
+        kept = {
+            "effort": TrainingEffort.of(policy.record)._asdict(),
+            "curve": policy.record.get("curve", []),
+        }
         if not self.commands:
-            return {"evaluations": [setting.evaluated(policy.policy)]}
+            return {"evaluations": [setting.evaluated(policy.policy)], **kept}
         commanded = evaluate_commanded(
             policy.policy,
             self.commands,
@@ -414,14 +393,14 @@ class ShippedMethod:
             control_period=policy.conditions.control.period,
             progress=setting.progress,
         )
-        return {"evaluations": [each.to_dict() for each in commanded]}
+        return {"evaluations": [each.to_dict() for each in commanded], **kept}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """A row for every speed."""
         study_speeds = {setting.study.on_tick(speed): speed for speed in setting.study.speeds}
         speeds: list[float | None] = [study_speeds.get(c, c) for c in self.commands]
         return [
-            _policy_row(setting, self.title, evaluation, speed)
+            _policy_row(setting, self.title, evaluation, speed, result["effort"])
             for speed, evaluation in zip(speeds or [None], result["evaluations"], strict=True)
         ]
 
@@ -429,7 +408,7 @@ class ShippedMethod:
 def prior_policy(study: Study) -> tuple[ShippedMethod, ...]:
     """The shipped policy of PPO with the law as prior, if the study's machine is its own."""
     own = load_policy(PRIOR_FILE).params == study.params
-    return (ShippedMethod(PRIOR_FILE, PPO_PRIOR),) if own else ()
+    return (ShippedMethod(PRIOR_FILE, PPO_PRIOR, curve=True),) if own else ()
 
 
 def front_policy(study: Study) -> tuple[ShippedMethod, ...]:
@@ -449,12 +428,17 @@ def front_policy(study: Study) -> tuple[ShippedMethod, ...]:
 
 
 def _policy_row(
-    setting: Setting, title: str, evaluation: Mapping[str, Any], study_speed: float | None
+    setting: Setting,
+    title: str,
+    evaluation: Mapping[str, Any],
+    study_speed: float | None,
+    effort: Mapping[str, Any] | None = None,
 ) -> Row:
     cot = evaluation["cot"]
     row = policy_row(title, evaluation, setting.gap(cot, evaluation["speed"]), study_speed)
     share = float(np.mean(evaluation["returns"])) / setting.best_return
-    return dataclasses.replace(row, over_least=setting.over_least(cot), return_share=share)
+    over_least = setting.over_least(cot)
+    return dataclasses.replace(row, over_least=over_least, return_share=share, **effort or {})
 
 
 def _gait_row(setting: Setting, title: str, gait: Solution, study_speed: float | None) -> Row:

@@ -31,9 +31,9 @@ class Study:
     Attributes:
         preset: name of the machine.
         changes: fields of the machine that differ from the preset's.
-        speed: of the gaits that all laws hold and learners imitate (m/s). As all speeds here, it
+        speed: of the gait that all laws hold and learners imitate (m/s). As all speeds here, it
             stands for the nearest one at which a step lasts a whole number of control intervals.
-        further: speeds at which the best law and its clone walk too (m/s).
+        further: speeds at which the optimum and the policy for the front are shown too (m/s).
         steps: of the gait that is searched for and reported beside the front's best.
         seed: of everything random.
         timesteps: control intervals of fine-tuning.
@@ -43,6 +43,8 @@ class Study:
         front: least and greatest speed of the optimal front (m/s), enclosing the learned ones. A
             clone may walk a little slower than the gait that it imitates.
         front_steps: steps per stride of the gaits of the front.
+        retrain: whether policies are trained also where those that come with the package are what
+            the study's machine, speed, seed and control intervals give.
 
     Raises:
         TypeError: a value is of the wrong kind.
@@ -61,6 +63,7 @@ class Study:
     starts: int = 4
     front: tuple[float, ...] = (0.55, 0.64)
     front_steps: tuple[int, ...] = FRONT_STEPS
+    retrain: bool = False
 
     def __post_init__(self) -> None:
         for name in ("further", "front", "front_steps"):  # lists, if they come from JSON
@@ -89,8 +92,15 @@ class Study:
         return preset(self.preset).replace(**self.changes)
 
     @property
+    def shipped(self) -> bool:
+        """Whether the policies that come with the package take the place of their trainings."""
+        usual = Study()
+        alike = ("params", "speed", "seed", "timesteps", "evolution_timesteps")
+        return not self.retrain and all(getattr(self, n) == getattr(usual, n) for n in alike)
+
+    @property
     def speeds(self) -> tuple[float, ...]:
-        """All at which laws and clones walk, as they were given (m/s)."""
+        """All at which optima are shown, as they were given (m/s)."""
         return self.speed, *self.further
 
     def on_tick(self, speed: float) -> float:

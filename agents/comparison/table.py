@@ -38,15 +38,20 @@ and laws attains from each start; the best attainable lies between that and 100%
 own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is held for 10 ms:
 for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
 can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
-speed there are all laws but `receding_horizon` and `tuned`, which take long; at the others only the
-best law and its clone. Evolution, PPO and fine-tuning choose their own speed. PPO with the law as
-prior, then CMA-ES, and the one policy for the front, which walks at commanded speeds, come with the
-package, for the default machine. Friction demand is the largest |Fx| / Fy of stance and touchdowns,
-least Fy the least normal force in weights; both are those of all starts that still take steps at
-the end."""
+speed there are all laws but `receding_horizon` and `tuned`, which take long, and a clone of the
+best one. Evolution, PPO and fine-tuning choose their own speed, and the one policy for the front
+walks at commanded speeds. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least
+Fy the least normal force in weights; both are of all starts that still take steps at the end."""
 
 #: Titles of the shipped policies' rows.
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
+
+#: Columns of the headline, after the name of a policy.
+HEADINGS = (
+    *("prior used", "cost of transport over the least at any speed"),
+    *("share of the best 20 s return", "starts that walk", "environment steps"),
+    *("minutes of one core", "cost over the best gait at its speed, several seeds"),
+)
 
 #: Rows of the headline: their titles, and what they are for somebody who reads nothing else, with
 #: the names by which `rimless watch` and `load_policy` know them.
@@ -79,6 +84,7 @@ class Row:
         min_normal_force_over_weight: least normal force in weights.
         over_least: gap to the environment's optimum at any speed.
         return_share: of 20 s, start-up included, over that of the best gait walked for all 20 s.
+        prior, intervals, minutes: see `agents.policy_files.TrainingEffort`.
     """
 
     title: str
@@ -92,6 +98,9 @@ class Row:
     min_normal_force_over_weight: float | None = None
     over_least: float | None = None
     return_share: float | None = None
+    prior: str | None = None
+    intervals: int | None = None
+    minutes: float | None = None
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -176,24 +185,29 @@ def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, s
 
     `over_seeds` is what is known of such policies over many seeds, by title.
     """
-    head = (
-        *("", "cost of transport", "over the least at any speed", "share of the best 20 s return"),
-        *("starts that walk", "speed (m/s)", "over the best gait of 1 to 3 steps at its speed"),
-        "the same over seeds",
-    )
-    lines = ["| " + " | ".join(head).lstrip() + " |", "|---" * len(head) + "|"]
-    for title, meaning in HEADLINE.items():
-        for row in rows:
-            if row.title == title and row.study_speed in (study_speed, None):
-                cells = (
-                    meaning,
-                    value_text(row.cot, ".4f"),
-                    value_text(row.over_least, "+z.1%"),
-                    value_text(row.return_share, ".0%"),
-                    value_text(row.walking_share, ".0%"),
-                    value_text(row.speed, ".3f"),
-                    value_text(row.gap, "+z.1%"),
-                    over_seeds.get(title, NONE),
-                )
-                lines.append("| " + " | ".join(cells) + " |")
+    shown = [
+        (meaning, row, over_seeds.get(title, NONE))
+        for title, meaning in HEADLINE.items()
+        for row in rows
+        if row.title == title and row.study_speed in (study_speed, None)
+    ]
+    return headline_table(shown)
+
+
+def headline_table(shown: Sequence[tuple[str, Row, str]]) -> str:
+    """A Markdown table in the columns of the headline: names, rows, and gaps over many seeds."""
+    lines = [f"| | {' | '.join(HEADINGS)} |", "|---" * (1 + len(HEADINGS)) + "|"]
+    for name, row, over_seeds in shown:
+        millions = None if row.intervals is None else row.intervals / 1e6
+        cells = (
+            name,
+            row.prior or NONE,
+            value_text(row.over_least, "+z.1%"),
+            value_text(row.return_share, ".0%"),
+            value_text(row.walking_share, ".0%"),
+            value_text(millions, ".3g") + " M" * (millions is not None),
+            value_text(row.minutes, ".1f"),
+            over_seeds,
+        )
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from stable_baselines3.common.vec_env import VecEnvWrapper
 from torch import nn
 
 from agents.learner import NO_CHANGES, PRIOR, SCRATCH, LearnerSettings, require_known
@@ -120,7 +121,7 @@ def hyperparameters(
     return Hyperparameters(
         n_timesteps=n_timesteps,
         n_envs=n_envs,
-        wrappers=tuple((_imported(path), given) for path, given in wrappers.items()),
+        wrappers=tuple((_imported(path, given), given) for path, given in wrappers.items()),
         episode_steps=episode_steps and integer("max_episode_steps", episode_steps, 1),
         noise_held=integer("noise_held", values.pop("noise_held", 0), 0),
         algorithm=values,
@@ -141,17 +142,25 @@ def _listed(values: dict[str, Any], key: str) -> dict[str, dict[str, Any]]:
     entries = values.pop(key, [])
     listed: dict[str, dict[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else [entries]:
-        named = entry if isinstance(entry, dict) else {entry: {}}
+        named = {entry: {}} if isinstance(entry, str) else entry
+        if not (isinstance(named, dict) and all(isinstance(a or {}, dict) for a in named.values())):
+            raise ValueError(
+                f"{key}: {entry!r}: give the path of a class, or a mapping of it to its arguments"
+            )
         listed |= {path: arguments or {} for path, arguments in named.items()}
     return listed
 
 
-def _imported(path: str) -> Any:
-    """The class of a path."""
+def _imported(path: str, arguments: dict[str, Any]) -> type[VecEnvWrapper]:
+    """The wrapper of a path, which takes these arguments."""
     try:
-        return pkgutil.resolve_name(path)
-    except (ImportError, AttributeError, ValueError) as error:
+        kind = pkgutil.resolve_name(path)
+        if not (isinstance(kind, type) and issubclass(kind, VecEnvWrapper)):
+            raise ValueError("is no VecEnvWrapper")
+        inspect.signature(kind).bind(None, **arguments)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"vec_env_wrapper: {path!r}: {error}") from error
+    return kind
 
 
 def _schedule(name: str, value: Any) -> float | Callable[[float], float]:

@@ -116,12 +116,14 @@ class Sb3Learner(learner.Learner):
     Attributes:
         algorithm: of stable-baselines3.
         hyperparameter_file: name of its file in `agents/hyperparams`.
+        networks: its entries of `net_arch`, and what the names of their weights begin with.
         model: that learns.
     """
 
     takes_prior = True
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
+    networks: ClassVar[Mapping[str, str]]
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         torch.set_num_threads(1)
@@ -140,6 +142,8 @@ class Sb3Learner(learner.Learner):
             settings.episode_steps,
             training.prior,
         )
+        if start is not None:
+            self.require_layers(start)
         self.model = self._new_model({} if start is None else start.record)
         if start is not None:
             put_weights(self.model, start.weights)
@@ -170,6 +174,7 @@ class Sb3Learner(learner.Learner):
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy in `parts`; its model has stable-baselines3's default settings."""
         torch.set_num_threads(1)
+        cls.require_layers(parts)
         model = cls.algorithm(
             policy="MlpPolicy",
             env=training_env(1, conditions, task, seed=0),
@@ -180,6 +185,27 @@ class Sb3Learner(learner.Learner):
         model.num_timesteps = int(parts.record["timesteps"])
         model.policy.set_training_mode(False)
         return NetworkPolicy(model)
+
+    @classmethod
+    def require_layers(cls, parts: PolicyParts) -> None:
+        """Refuse a record that describes other layers than the weights are of.
+
+        A network is as large as the record says, whatever the size of the file.
+        """
+        described = parts.record["policy_kwargs"]
+        units = described.get("net_arch", {})
+        critics = described.get("n_critics")
+        if critics is not None and f"critic.qf{critics - 1}.0.weight" not in parts.weights:
+            raise ValueError(f"n_critics = {critics}: the weights are of others")
+        for name, prefix in cls.networks.items():
+            asked = units.get(name) if isinstance(units, Mapping) else units
+            found = [
+                len(weights)
+                for layer, weights in parts.weights.items()
+                if layer.startswith(prefix) and weights.ndim == 2
+            ]
+            if asked is not None and list(asked) != found[: len(asked)]:
+                raise ValueError(f"net_arch: {name} = {asked}, but the weights are of {found}")
 
     @property
     def steps(self) -> int:  # type: ignore[override]  # stable-baselines3 counts them
@@ -236,6 +262,7 @@ class Ppo(Sb3Learner):
 
     algorithm = PPO
     hyperparameter_file = "ppo.yml"
+    networks: ClassVar = {"pi": "mlp_extractor.policy_net.", "vf": "mlp_extractor.value_net."}
 
     @staticmethod
     def actor(model: Any) -> Actor:
@@ -260,6 +287,7 @@ class Sac(Sb3Learner):
 
     algorithm = SAC
     hyperparameter_file = "sac.yml"
+    networks: ClassVar = {"pi": "actor.latent_pi.", "qf": "critic.qf0."}
 
     @staticmethod
     def actor(model: Any) -> Actor:

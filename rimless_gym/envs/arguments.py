@@ -16,7 +16,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.checks import as_instance, real, real_array
+from rimless_gym.checks import KindError, as_instance, real, real_array
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.layout import (
@@ -28,6 +28,7 @@ from rimless_gym.envs.layout import (
 )
 from rimless_gym.envs.starts import DRAWN, GIVEN, HANGING, USUAL_STARTS, Starts, normal_force
 from rimless_gym.envs.task import USUAL_TASK, Task
+from rimless_gym.equations import MODE_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, require_steppable
 from rimless_gym.params import WheelParams
@@ -138,6 +139,13 @@ def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
     return as_instance(Starts, "starts", starts, USUAL_STARTS)
 
 
+def as_options(options: Any) -> dict[str, Any]:
+    """Options of a reset, as a new dictionary; None stands for none."""
+    if not (options is None or isinstance(options, Mapping)):
+        raise KindError(f"options = {options!r}: must be a dictionary of options, or None")
+    return dict(options or {})
+
+
 def as_params_list(params: Any, n: int) -> list[WheelParams]:
     """`params`, one for all rows or one per row, as a list of N."""
     many = isinstance(params, (list, tuple))
@@ -184,7 +192,7 @@ def read_options(
 
     The options are checked, and the batch is not changed.
     """
-    options = options or {}
+    options = as_options(options)
     names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")
     for name in options:
         if name not in names:
@@ -221,8 +229,8 @@ def read_options(
         return changes, EpisodeStart(speeds=speeds)
     if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
         raise ValueError(
-            f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
-            "'double_stance'"
+            f"reset option 'mode' = {options['mode']!r}: give 'double_stance', which is at rest, "
+            f"or one of {MODE_NAMES} with a 'state'"
         )
     return changes, EpisodeStart(HANGING, speeds=speeds)
 

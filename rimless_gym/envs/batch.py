@@ -47,7 +47,6 @@ from rimless_gym.envs.starts import (
     start_rows,
 )
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
@@ -182,8 +181,10 @@ class Batch:
         """Row i's current machine, including the parameters drawn."""
         if not self.ranges.bounds:
             return self.params[i]
-        drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
-        return self.params[i].replace(**drawn)
+        drawn: dict[str, Any] = {
+            name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds
+        }
+        return dataclasses.replace(self.params[i], **drawn)
 
     def change(
         self,
@@ -291,14 +292,6 @@ class Batch:
         if self._pool is None or self._pool_process != os.getpid():  # a fork has no threads
             self._pool, self._pool_process = ThreadPoolExecutor(self.num_threads), os.getpid()
         return sum(self._pool.map(lambda step: step(), steps))
-
-    def diverged(self, i: int, code: int) -> RuntimeError:
-        """The error for a motion of row i that left the model's range."""
-        return RuntimeError(
-            f"row {i}: the motion left the model's range ({Failure(code).name.lower()}) at t = "
-            f"{self.memory[MEMORY.time, i]:.2f} s, state {self.memory[:STATE_SIZE, i]}: check the "
-            f"parameters, {self.params_of(i)}"
-        )
 
     def frame(self, i: int) -> Frame:
         """The picture of row i."""

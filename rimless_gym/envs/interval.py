@@ -21,7 +21,6 @@ from rimless_gym.envs.layout import (
     MEMORY,
     NO_ERRORS,
     RESULT,
-    ends_episode,
     flags_of,
     interval_of,
     observe_row,
@@ -31,7 +30,7 @@ from rimless_gym.envs.layout import (
 )
 from rimless_gym.envs.task import TERM_NAMES, TERMS, rewarded
 from rimless_gym.equations import places, record
-from rimless_gym.hybrid import CONTROL_PERIOD, motor_current, motor_voltage, relative_rate
+from rimless_gym.hybrid import CONTROL_PERIOD, OK, motor_current, motor_voltage, relative_rate
 from rimless_gym.jit import ENVIRONMENT, cached, inner
 from rimless_gym.kernel.stepping import SCRATCH_SIZE, advance_batch
 from rimless_gym.params import N_CONSTANTS
@@ -196,7 +195,7 @@ def _set_flags(results, memory, limit, first, last):
     for i in range(first, last):
         failure = results[RESULT.failure, i]
         bits[FLAG.failure, i] = int(failure)
-        bits[FLAG.terminated, i] = ends_episode(failure)
+        bits[FLAG.terminated, i] = failure != OK
     for i in range(first, last):
         demand = max(results[RESULT.friction_demand, i], results[RESULT.impulse_friction_demand, i])
         bits[FLAG.slips, i] = exceeds(demand, memory[MEMORY.friction, i])

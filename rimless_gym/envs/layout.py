@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rimless_gym.energy import Row
 from rimless_gym.envs.task import TERM_NAMES, Task
 from rimless_gym.equations import places, record
-from rimless_gym.hybrid import CONTACT_LOST, MAX_RATE, RATE_EXCEEDED
+from rimless_gym.hybrid import MAX_RATE, OK
 from rimless_gym.jit import cached, inner, written
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA, HybridState
 from rimless_gym.params import Constants, WheelParams
@@ -137,21 +137,14 @@ def params_at(constants, i):
     return constants_of(constants, i if constants.shape[1] > 1 else i - i)  # 0 of i's own type
 
 
-@inner
-def ends_episode(failure):
-    """Whether a failure ends the episode; any other failure is an error."""
-    return (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
-
-
 _numbers = ", ".join(f"results[{k}, i]" for k in range(len(Interval._fields) - 1))
 #: Compiled: (results, i) -> the `Interval` of row i.
 interval_of = inner(
     written(
         f"def interval_of(results, i):\n"
-        f"    failed = 1.0 if ends_episode(results[{RESULT.failure}, i]) else 0.0\n"
+        f"    failed = 1.0 if results[{RESULT.failure}, i] != {OK} else 0.0\n"
         f"    return Interval({_numbers}, failed)",
         Interval=Interval,
-        ends_episode=ends_episode,
     )
 )
 
@@ -195,6 +188,12 @@ def observation(phi, theta, dphi, dtheta, mode, leg_scale):
 
 
 @inner
+def observed_command(speed, allowance, limit):
+    """The two numbers that follow where a speed (m/s) is commanded."""
+    return (speed - MIDDLE_SPEED) / SPEED_SCALE, allowance / limit
+
+
+@inner
 def _within(value, bound):
     return min(max(value, -bound), bound)
 
@@ -216,9 +215,12 @@ def observe_row(memory, errors, observations, width, i):
     for k in range(OBSERVATION_SIZE):
         observations[i * width + np.uint64(k)] = values[k]
     if width > _PLAIN:
-        speed = memory[MEMORY.target_speed, i]
-        allowance = memory[MEMORY.allowance, i] / memory[MEMORY.allowance_limit, i]
-        observations[i * width + _PLAIN] = (speed - MIDDLE_SPEED) / SPEED_SCALE
+        command, allowance = observed_command(
+            memory[MEMORY.target_speed, i],
+            memory[MEMORY.allowance, i],
+            memory[MEMORY.allowance_limit, i],
+        )
+        observations[i * width + _PLAIN] = command
         observations[i * width + _PLAIN + np.uint64(1)] = allowance
 
 

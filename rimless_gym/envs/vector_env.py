@@ -18,6 +18,7 @@ from rimless_gym.envs.arguments import (
     DRAWN_START,
     Control,
     EpisodeStart,
+    as_options,
     as_params_list,
     as_task,
     masked_rows,
@@ -77,15 +78,13 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
       `info["_final_info"]`.
     - `DISABLED`: the caller resets with `reset_mask`; stepping an ended row raises.
 
-    A motion that leaves the model's range raises a `RuntimeError` that names the row. By then all
-    rows have been stepped, and that row has ended.
-
     ## Arguments
     Those of the single environment, of which `params` may be a list of one per row, and
 
     - `num_envs`: N.
-    - `max_episode_steps`: default 20 s of steps; None for no limit. `gym.make_vec` gives {steps}
-      if you give nothing, which with a `control_period` longer than {period} s stands for 20 s.
+    - `max_episode_steps`: default 20 s of steps; None or -1 for no limit. `gym.make_vec` gives
+      {steps} if you give nothing, which with a `control_period` longer than {period} s stands for
+      20 s.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
     - `num_threads`: threads that share a step; more than one is faster from a few thousand rows on.
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
@@ -130,6 +129,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
         num_threads = integer("num_threads", num_threads, 1)
         control = self.control = Control(control_period, actions, self._speeds)
+        if max_episode_steps == -1:  # as in gym.make
+            max_episode_steps = None
         if max_episode_steps is not None:
             max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
         usual = Control(self.default_period)
@@ -208,7 +209,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
         batch = self._batch
-        options = dict(options or {})
+        options = as_options(options)
         rows = masked_rows(options.pop("reset_mask", None), self.num_envs)
         changes, start = read_options(options, batch, rows)
         self._seed(seed, rows)
@@ -227,8 +228,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         Raises:
             TypeError: the actions are not real numbers.
             ValueError: an action is NaN, or their shape is not (num_envs, 1).
-            RuntimeError: a row has ended and autoreset is disabled, or no episode has begun, or a
-                motion left the model's range.
+            RuntimeError: a row has ended and autoreset is disabled, or no episode has begun.
         """
         batch = self._batch
         again = batch.ended.nonzero()[0]
@@ -248,7 +248,6 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         if unusual:
             ended = terminated | truncated
             batch.ended |= ended
-            self._require_range(flags)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 info |= _final_info(ended, observations, results, flags)
                 again = np.union1d(again, ended.nonzero()[0])
@@ -335,12 +334,6 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
                 f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
                 "[-1, 1]; check the policy's output"
             )
-
-    def _require_range(self, flags: NDArray[np.int8]) -> None:
-        lost = np.flatnonzero((flags[FLAG.failure] != 0) & (flags[FLAG.terminated] == 0))
-        if len(lost):
-            self._batch.ended[lost] = True
-            raise self._batch.diverged(int(lost[0]), int(flags[FLAG.failure, lost[0]]))
 
     def _seed(self, seed: Seeds, rows: NDArray[np.int64]) -> None:
         """Seed `rows` by one number, counted up over all rows, or by one number or None per row.

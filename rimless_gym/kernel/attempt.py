@@ -118,8 +118,9 @@ def plan(tile):
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
     drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half
     of the time left adds to it; it counts for more where the accelerations' peak is narrower than
-    1 rad. Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move
-    too fast.
+    1 rad. No step is longer than 10 ms: psi' may come to a stop by dry friction while psi'' was
+    small where the step began. Lanes that are done get a length of 0. Returns how many lanes stand
+    on two feet or move too fast.
     """
     unusual = 0
     for lane in range(LANES):
@@ -133,7 +134,7 @@ def plan(tile):
         braking = drag_pole(rolling, swinging, p)
         damping = (tile[slot.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[slot.VOLTAGE + lane], p)
-        fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1e-9)
+        fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1 / CONTROL_PERIOD)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
         runs = left > 0.0 and tile[slot.FAILURE + lane] == OK
         tile[slot.STEP + lane] = h if runs else 0.0

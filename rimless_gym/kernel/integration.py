@@ -241,12 +241,14 @@ def upward_root(c, s_end):
     """Where the polynomial crosses zero upward in [0, s_end], given that it is positive at s_end.
 
     If it starts on or above zero and rises, the crossing is at 0. If it starts at zero and falls
-    (just after an impact), the root at 0 is divided out and the next one is returned.
+    (just after an impact), the root at 0 is divided out and the next one is returned. Where its
+    rate is 0 too, just after a lift-off, the root at 0 is double. The bend there is then all but 0,
+    of either sign: it is a rise only if it outlasts the step's first millionth.
     """
     if c[0] >= 0.0:
-        if c[1] > 0.0 or (c[1] == 0.0 and c[2] >= 0.0):
+        if c[1] > 0.0 or (c[1] == 0.0 and c[2] >= 0.0 and c[2] + 1e-6 * c[3] >= 0.0):
             return 0.0
         c = (c[1], c[2], c[3], c[4], c[5], 0.0)
-        if c[0] == 0.0:  # its rate is 0 too, just after a lift-off: a double root
-            c = (c[1], c[2], c[3], c[4], c[5], 0.0)
+        if c[0] == 0.0:
+            c = (min(c[1], 0.0), c[2], c[3], c[4], c[5], 0.0)
     return bracketed_root(c, 0.0, s_end)

@@ -24,8 +24,11 @@ RATE_FACTOR = 10
 class Window:
     """A window of `size` pixels that shows frames at a steady rate; only this needs a display.
 
-    `is_open` is False once the user or `close` has closed it.
+    `is_open` is False once the user or `close` has closed it. SDL has one window in a process:
+    several of them show their frames in turn, until the last one is closed.
     """
+
+    _open = 0  # how many there are
 
     def __init__(self, size: tuple[int, int], fps: float) -> None:
         pygame.display.init()
@@ -34,6 +37,7 @@ class Window:
         self._clock = pygame.time.Clock()
         self._fps = fps
         self.is_open = True
+        Window._open += 1
 
     def show(self, frame: Frame) -> None:
         """Show a frame, uint8 of shape (height, width, 3); without effect on a closed window."""
@@ -50,7 +54,9 @@ class Window:
         """Close the window; closing twice is fine."""
         if self.is_open:
             self.is_open = False
-            pygame.display.quit()
+            Window._open -= 1
+            if not Window._open:
+                pygame.display.quit()
 
 
 def has_display() -> bool:

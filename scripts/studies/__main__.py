@@ -11,6 +11,7 @@ from rimless_gym.checks import MissingExtraError
 #: Modules of this package, by the names of the studies. Each has a function of the study's name,
 #: whose options are its parameters.
 STUDIES = {
+    "accelerator": "accelerator",
     "assumptions": "assumptions",
     "benchmark": "benchmark.run",
     "bounds": "bounds",
@@ -25,6 +26,7 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
+    "stop_and_go": "stop_and_go",
     "stops": "fronts.strides",
     "strides": "fronts.strides",
     "textbook": "textbook",

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PRETRAINED = ROOT / "agents" / "pretrained"
 PICTURES = ("cot_against_speed.png", "learning_curves.png")
 
-#: Policies that come with the package, by name, in the folder of the study.
+#: Policies that come with the package, by name, in the folder of the study; those that it trained.
 POLICIES = {
     "imitation": "imitation/clone.zip",
     "fine_tuned": "fine_tuned/best.zip",
@@ -58,7 +58,7 @@ CARD = """\
 {facts}
 
 The figures are by the protocol of the README's table: 128 starts, 50 s each, measured over the last
-30 s. `make compare` trains and measures it again; `rimless evaluate {name}` measures this file.
+30 s. `rimless compare --retrain` trains it again; `rimless evaluate {name}` measures this file.
 """
 
 #: What a training began from, by the beginning of its description.
@@ -83,17 +83,17 @@ def publish(*, study: Path = Path("runs/compare")) -> int:
     for name, page in PAGES.items():
         if not MARKS[name].search((ROOT / page).read_text()):
             raise ValueError(f"{page}: has no {markdown.wanted('compare', (name,))}")
-    notes = [str(Path(source).with_name("train.json")) for source in POLICIES.values()]
-    for source in ("results.json", "table.md", *PICTURES, *POLICIES.values(), *notes):
+    trained = {name: source for name, source in POLICIES.items() if (study / source).is_file()}
+    for source in ("results.json", "table.md", *PICTURES):
         if not (study / source).is_file():
             raise ValueError(f"{study / source}: is missing; run make compare to its end first")
     many = over_seeds((ROOT / LEARNING).read_text())
     results = json.loads((study / "results.json").read_text())
     rows = [Row(**row) for row in results["table"]]
-    cards = {name: _card_of(study, results, name) for name in POLICIES}
+    cards = {name: _card_of(study, results, name) for name in trained}
     for picture in PICTURES:
         shutil.copyfile(study / picture, ROOT / "docs" / picture)
-    for name, source in POLICIES.items():
+    for name, source in trained.items():
         shutil.copyfile(study / source, PRETRAINED / f"{name}.zip")
         (PRETRAINED / f"{name}.md").write_text(cards[name])
     sections = {
@@ -109,15 +109,12 @@ def _card_of(study: Path, results: Mapping[str, Any], name: str) -> str:
     """The card of a policy of the study."""
     source, config = POLICIES[name], results["study"]
     training = json.loads((study / source).with_name("train.json").read_text())["inputs"]
-    title, study_speed = next(
-        (title, method.speed)
+    title = next(
+        method.title
         for method in methods(Study(**config))
-        if isinstance(method, LearnedMethod)
-        for title, file in method.shown.items()
-        if source == f"{method.name}/{file}"
+        if isinstance(method, LearnedMethod) and source == f"{method.name}/{method.file}"
     )
-    rows = [Row(**row) for row in results["table"]]
-    row = next(row for row in rows if (row.title, row.study_speed) == (title, study_speed))
+    row = next(Row(**row) for row in results["table"] if row["title"] == title)
     changes = f" with {json.dumps(config['changes'])}" if config["changes"] else ""
     machine = config["preset"] + changes
     return card(name, read_record(study / source), row, machine, training["init"])

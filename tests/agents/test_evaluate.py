@@ -263,6 +263,9 @@ def test_invalid_protocols_are_refused_by_name(settings, error, message):
         Protocol(**settings)
 
 
+BRIEF = Protocol(starts=2, duration=0.2, window=0.1, alive=0.05)
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
@@ -272,6 +275,11 @@ def test_invalid_protocols_are_refused_by_name(settings, error, message):
         ({"protocol": 10}, TypeError, "protocol = 10"),
         ({"starts": np.zeros(4)}, ValueError, "starts: must be finite, of shape"),
         ({"disturbances": {"wind": 1}}, ValueError, "'wind'"),
+        (
+            {"protocol": BRIEF, "control_period": 0.1},
+            ValueError,
+            "alive = 0.05 s: must be at least",
+        ),
     ],
 )
 def test_invalid_arguments_of_an_evaluation_are_refused_by_name(arguments, error, message):

@@ -11,22 +11,30 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from agents import PRETRAINED
+from agents.conditions import Conditions
 from agents.policy_files import (
     FORMAT,
     CheckpointError,
+    TrainingEffort,
     load_policy,
     named_policy,
     read_record,
     save_policy,
 )
-from agents.rollout import at_rest
+from agents.rollout import Predictor, at_rest, controller_policy
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.training import read_state
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.arguments import USUAL, Control
+from rimless_gym.envs.layout import observe
+from rimless_gym.equations import DOUBLE
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.presets import PRESETS
+from trajopt.feedback import laws
 from trajopt.gaits.library import shipped
 from trajopt.store import DIGEST, HEADER, digest, read_arrays, write_arrays
 
@@ -91,10 +99,37 @@ def test_the_policies_of_the_package_load_from_any_folder(tmp_path, monkeypatch,
 
 @pytest.mark.parametrize("name", ["evolution", "imitation"])
 def test_observations_of_another_shape_are_refused(name):
-    act = load_policy(name).act
-    for wrong in (np.zeros(6, dtype=np.float32), np.zeros((2, 8), dtype=np.float32)):
-        with pytest.raises(ValueError, match=r"must have shape \(N, 6\)"):
-            act(wrong)
+    policy = load_policy(name)
+    for wrong in ((8,), (2, 8), (1, 2, 6)):
+        for seeing in (policy.act, policy.predict):
+            with pytest.raises(ValueError, match=r"must have shape \(6,\) or \(N, 6\)"):
+                seeing(np.zeros(wrong, dtype=np.float32))
+
+
+@pytest.mark.parametrize("name", ["evolution", "imitation"])
+def test_a_policy_predicts_and_is_evaluated_as_a_model_of_stable_baselines3(name):
+    policy, x = load_policy(name), observations()
+    actions, state = policy.predict(x)
+    assert (actions.shape, actions.dtype, state) == ((50, 1), np.float32, None)
+    single, _ = policy.predict(x[7], deterministic=True)
+    np.testing.assert_allclose(single, actions[7], atol=1e-6)  # a batch may be summed otherwise
+    np.testing.assert_allclose(policy.act(x[7]), policy.act(x)[7], atol=1e-6)
+    short = {"max_episode_steps": 40}
+    for vec_env_cls in (Sb3VecEnv, DummyVecEnv):
+        envs = make_vec_env("RimlessWheel-v0", 2, 5, env_kwargs=short, vec_env_cls=vec_env_cls)
+        totals, lengths = evaluate_policy(policy, envs, 4, return_episode_rewards=True)
+        assert (len(totals), lengths) == (4, [40] * 4)
+
+
+def test_a_law_predicts_from_what_is_observed():
+    law = laws.holding("lqr", shipped()[0])
+    policy = controller_policy(law.params, law)
+    states = np.zeros((2, STATE_SIZE))
+    states[:, :4], states[1, MODE] = law.data.orbit.states[7], DOUBLE
+    predictor = Predictor(policy, Conditions(law.params))
+    expected = policy(states, np.zeros((2, 6), np.float32))
+    actions, _ = predictor.predict(observe(law.params, states))
+    np.testing.assert_allclose(actions[:, 0], expected, atol=1e-4)
 
 
 def test_nothing_in_a_file_of_plain_stable_baselines3_is_run_unless_its_author_is_trusted(
@@ -209,6 +244,13 @@ def test_a_policy_of_another_layout_machine_or_learner_is_refused(tmp_path):
         load_policy(with_record(tmp_path / "q.zip", algo="sac"))
 
 
+def test_a_record_of_larger_networks_than_the_weights_is_refused_before_they_are_built(tmp_path):
+    for units in ([10**9], {"pi": [128, 128], "vf": [128, 10**9]}, {"pi": [128, 128, 10**9]}):
+        huge = {"policy_kwargs": {"net_arch": units}}
+        with pytest.raises(CheckpointError, match=r"net_arch: .* but the weights are of"):
+            load_policy(with_record(tmp_path / "huge.zip", **huge))
+
+
 @pytest.mark.parametrize(
     "weight",
     [
@@ -240,7 +282,7 @@ def test_a_policy_of_the_package_is_the_one_in_its_file():
     )
     assert (by_name.name, by_name.params, by_name.gait) == ("evolution", BUILDABLE, None)
     assert by_name.conditions.control == USUAL
-    assert by_name.task is not None
+    assert by_name.effort == TrainingEffort.of(read_record("evolution")) != TrainingEffort()
     states, seen = at_rest(BUILDABLE)[None], np.full((1, 6), 0.1, np.float32)
     assert np.array_equal(by_name.policy(states, seen), by_path.policy(states, seen))
 

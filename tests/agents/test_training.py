@@ -16,7 +16,15 @@ import torch
 from agents import training
 from agents.evaluate import evaluate
 from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts
-from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
+from agents.policy_files import (
+    LAW_ACTIONS,
+    NOTHING,
+    PRETRAINED,
+    CheckpointError,
+    TrainingEffort,
+    load_policy,
+    read_record,
+)
 from agents.sb3 import learner as sb3
 from agents.training import Trainer, read_state, walking_economy
 from rimless_gym import BUILDABLE, PROTOTYPE
@@ -102,6 +110,10 @@ def test_fine_tuning_can_start_from_a_checkpoint(tmp_path, swing):
     np.testing.assert_array_equal(weights(first.clone), weights(first.best))
     second = run(tmp_path / "b", init=str(first.clone), timesteps=0)
     np.testing.assert_array_equal(weights(second.best), weights(first.clone))
+    clone, tuned = (read_record(file) for file in (first.clone, second.best))
+    assert clone["prior"] == tuned["prior"] == LAW_ACTIONS
+    assert clone["intervals"] == tuned["intervals"] == clone["cloning"]["samples"]
+    assert 0.0 < clone["minutes"] < tuned["curve"][0]["minutes"] <= tuned["minutes"]
     with pytest.raises(CheckpointError, match="cannot start sac"):
         run(tmp_path / "c", "sac", init=str(first.clone))
     with pytest.raises(ValueError, match="init"):  # it is known by the policy that it began with
@@ -112,6 +124,9 @@ def test_a_policy_is_distilled_into_another_learner_with_one_cloning_only(tmp_pa
     clone = {"init": "imitation", "expert": str(PRETRAINED["evolution"]), "timesteps": 0}
     learned = run(tmp_path, "sac", cloning=QUICK, **clone).best
     assert load_policy(learned).algo == "sac"
+    source, distilled = (TrainingEffort.of(read_record(file)) for file in ("evolution", learned))
+    assert distilled.prior == source.prior == NOTHING
+    assert distilled.intervals > source.intervals
     with pytest.raises(ValueError, match="gradient_steps"):
         run(tmp_path, "sac", cloning=QUICK | {"gradient_steps": 21}, **clone)
 

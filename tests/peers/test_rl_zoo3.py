@@ -1,12 +1,14 @@
-"""rl-zoo3 trains with our hyperparameter files, in its own vector of environments and in ours."""
+"""rl-zoo3 trains with our hyperparameter files, in its own vectors and ours, and shows policies."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 import yaml
 
+from agents import load_policy
 from tests.peers.running import ROOT, printed
 
 pytestmark = pytest.mark.peers
@@ -64,3 +66,13 @@ def test_its_command_line_chooses_the_machine_and_the_task(tmp_path, program):
     kept = (out / "RimlessWheel-v0" / "args.yml").read_text()
     assert "params: PROTOTYPE" in kept
     assert "distance_weight: 0.8" in kept
+
+
+def test_it_shows_a_network_of_ours(tmp_path):
+    folder = tmp_path / "ppo" / "RimlessWheel-v0_1"
+    folder.mkdir(parents=True)
+    load_policy("imitation").model.save(folder / "RimlessWheel-v0.zip")
+    command = ["-m", "rl_zoo3.enjoy", *ARGUMENTS, "--algo", "ppo", "-f", str(tmp_path)]
+    shown = printed([*command, "--no-render", "-n", "2000"], ROOT)
+    (reward,) = re.findall(r"Mean reward: (\S+)", shown)
+    assert float(reward) > 4.0

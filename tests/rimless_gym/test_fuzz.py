@@ -23,18 +23,20 @@ from hypothesis import strategies as st
 from rimless_gym import (
     Disturbances,
     Pushes,
+    RimlessWheelSpeedVectorEnv,
     RimlessWheelVectorEnv,
     SensorNoise,
     simulate,
 )
-from rimless_gym.energy import balance
-from rimless_gym.envs.layout import NUMBER_NAMES, OBSERVATION_BOUND
-from rimless_gym.envs.starts import draw_start, normal_force
-from rimless_gym.envs.task import TERM_NAMES
+from rimless_gym.energy import ROW, balance
+from rimless_gym.envs.arguments import MOST_TICKS
+from rimless_gym.envs.layout import MOST_SPEED, NUMBER_NAMES
+from rimless_gym.envs.starts import Starts, draw_start, normal_force
+from rimless_gym.envs.task import TERM_NAMES, Task
 from rimless_gym.equations import DOUBLE, IMPACT_LAWS, LOSSES, MODE_NAMES, equations
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 from rimless_gym.kernel.attempt import LEAST_PEAK, peak
-from rimless_gym.kernel.stepping import MODE, require_steppable
+from rimless_gym.kernel.stepping import MODE, advance, require_steppable
 from rimless_gym.params import MOTOR_MOUNTS, WheelParams
 from rimless_gym.presets import PRESETS
 
@@ -44,6 +46,7 @@ REINTEGRATED = range(7, LENGTH, 13)
 
 RESIDUAL = 1e-7  # of a ledger, relative to the energies in it, on the most violent machines
 DIFFERENCE = 1e-8  # from the reference: of angles (rad), of rates relative to size
+DIVIDED = 1e-6  # the same, of one long interval from as many of 10 ms as it has
 
 #: Ranges, drawn evenly in the logarithm; all but `NEVER_ZERO` are sometimes 0 instead.
 WIDE = {
@@ -78,16 +81,21 @@ _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """A vector environment: machines of the rows, and arguments that the single one takes too."""
+    """A vector environment: machines of the rows, and arguments that the single one takes too.
+
+    `options` are those of its first reset, and whether it is the one with commanded speeds.
+    """
 
     machines: tuple[WheelParams, ...]
     mode: AutoresetMode
     settings: dict[str, Any]
+    options: dict[str, Any]
+    commanded: bool
     seed: int
 
 
 @st.composite
-def machines(draw: st.DrawFn, laws: tuple[str, ...]) -> WheelParams:
+def machines(draw: st.DrawFn) -> WheelParams:
     """Machines that the environment accepts; half of them are like a preset."""
     fields = draw(st.sampled_from(list(PRESETS.values()))).to_dict()
     like = draw(st.booleans())
@@ -98,11 +106,12 @@ def machines(draw: st.DrawFn, laws: tuple[str, ...]) -> WheelParams:
             fields[name] = math.exp(draw(st.floats(math.log(low), math.log(high))))
         if not like and name not in NEVER_ZERO and draw(st.integers(0, 6)) == 0:
             fields[name] = 0.0
-    fields["pendulum_reach"] = None
+    beyond = draw(st.none() | st.floats(1.0, 3.0))
+    fields["pendulum_reach"] = None if beyond is None else beyond * fields["pendulum_length"]
     fields["n_legs"] = draw(st.sampled_from([3, 4, 5, 6, 8, 12, 30, 300]))
     fields["slope"] = draw(st.just(0.0) | st.floats(-0.1, 0.1) | st.floats(-0.7, 0.7))
     fields["motor_mount"] = draw(st.sampled_from(MOTOR_MOUNTS))
-    fields["impact_law"] = draw(st.sampled_from(laws))
+    fields["impact_law"] = draw(st.sampled_from(IMPACT_LAWS))
     rng = np.random.default_rng(0)
     try:
         params = WheelParams(**fields)
@@ -117,25 +126,36 @@ def machines(draw: st.DrawFn, laws: tuple[str, ...]) -> WheelParams:
 @st.composite
 def batches(draw: st.DrawFn) -> Batch:
     """Rows of one machine or several, with or without disturbances and ranges."""
-    one = draw(st.booleans())
-    # Under the thesis's law a backward touchdown in one row stops the whole environment.
-    laws = IMPACT_LAWS if one else ("plastic", "plastic", "plastic", "relabel")
-    each = [draw(machines(laws)) for _ in range(1 if one else draw(st.integers(2, 3)))]
+    one, commanded = draw(st.booleans()), draw(st.integers(0, 3)) == 0
+    each = [draw(machines()) for _ in range(1 if one else draw(st.integers(2, 3)))]
     rows = [each[i % len(each)] for i in range(draw(st.sampled_from([1, 2, 7, 16])))]
     chosen: dict[str, Any] = {"max_episode_steps": draw(st.integers(5, 2 * LENGTH))}
+    chosen["control_period"] = CONTROL_PERIOD * draw(st.just(1) | st.integers(1, MOST_TICKS))
+    if draw(st.integers(0, 3)) == 0:
+        chosen["actions"] = "current"
+    if commanded:
+        chosen["speeds"] = (draw(st.floats(0.01, 0.6)), draw(st.floats(0.6, MOST_SPEED)))
+    varied: dict[str, Any] = {}  # by an argument, or as an option of the first reset
     if draw(st.booleans()):
         momentum = each[0].total_mass * math.sqrt(each[0].gravity * each[0].leg_length)
         noise = SensorNoise(leg_angle=0.1, pendulum_rate=5.0) if draw(st.booleans()) else None
-        chosen["disturbances"] = Disturbances(
+        varied["disturbances"] = Disturbances(
             pushes=Pushes(rate=10.0, impulse=(0.0, momentum * draw(st.floats(0.01, 0.3)))),
             sensor_noise=noise,
             actuator_delay=(0, draw(st.integers(0, 5))),
         )
     if one and draw(st.booleans()):
         near = {name: getattr(each[0], name) for name in ("wheel_mass", "gravity", "friction")}
-        chosen["ranges"] = {name: (0.97 * x, 1.03 * x) for name, x in near.items() if x > 0}
+        varied["ranges"] = {name: (0.97 * x, 1.03 * x) for name, x in near.items() if x > 0}
+    if draw(st.booleans()):
+        varied["starts"] = draw(
+            st.sampled_from([Starts(1, 0, 0), Starts(0, 1, 0), Starts(1, 1, 1)])
+        )
+    options = {name: varied.pop(name) for name in list(varied) if draw(st.booleans())}
     mode = draw(st.sampled_from(list(AutoresetMode)))
-    return Batch(tuple(rows), mode, chosen, draw(st.integers(0, 2**31)))
+    return Batch(
+        tuple(rows), mode, chosen | varied, options, commanded, draw(st.integers(0, 2**31))
+    )
 
 
 def run(batch: Batch) -> None:
@@ -143,23 +163,49 @@ def run(batch: Batch) -> None:
     rng, n = np.random.default_rng(batch.seed), len(batch.machines)
     one = len(set(batch.machines)) == 1
     params = batch.machines[0] if one else list(batch.machines)
-    envs = RimlessWheelVectorEnv(n, params, autoreset_mode=batch.mode, **batch.settings)
-    single = gym.make("RimlessWheel-v0", **batch.settings | {"params": batch.machines[0]})
+    kind = RimlessWheelSpeedVectorEnv if batch.commanded else RimlessWheelVectorEnv
+    name = "RimlessWheelSpeed-v0" if batch.commanded else "RimlessWheel-v0"
+    envs = kind(n, params, autoreset_mode=batch.mode, **batch.settings)
+    single = gym.make(name, **batch.settings | {"params": batch.machines[0]})
     try:
-        first, _ = envs.reset(seed=batch.seed)
-        assert np.array_equal(first[0], single.reset(seed=batch.seed)[0])
-        if "ranges" not in batch.settings:
-            start = drawn_start(rng, batch.machines[0])
-            if start is not None:
-                mask = np.arange(n) == 0
-                envs.reset(options={**{k: [v] for k, v in start.items()}, "reset_mask": mask})
-                single.reset(options=start)
+        first, _ = envs.reset(seed=batch.seed, options=batch.options)
+        assert np.array_equal(first[0], single.reset(seed=batch.seed, options=batch.options)[0])
+        reset_first(batch, envs, single, rng, np.arange(n) == 0)
         step_through(batch, envs, single, rng)
     except RuntimeError as error:
         if "no start found" not in str(error):
             raise
     finally:
         envs.close()
+
+
+def reset_first(batch: Batch, envs: Any, single: Any, rng: np.random.Generator, mask: Any) -> None:
+    """Reset the rows of a mask, the first among them, with options that all of them share."""
+    options: dict[str, Any] = {}
+    if "ranges" not in batch.settings | batch.options:
+        if rng.random() < 0.3:
+            options["params"] = batch.machines[rng.integers(len(batch.machines))]
+        machines = [options.get("params", machine) for machine in envs.params]
+        start = drawn_start(rng, machines[0])
+        if start is not None and len({machines[i] for i in np.flatnonzero(mask)}) == 1:
+            options |= start
+        elif rng.random() < 0.3:
+            options["mode"] = "double_stance"
+    if rng.random() < 0.3:
+        options["task"] = drawn_task(rng, batch.commanded)
+    if batch.commanded and rng.random() < 0.3:
+        options["speed"] = rng.uniform(0.01, MOST_SPEED)
+    observations, _ = envs.reset(options=options | {"reset_mask": mask})
+    assert np.array_equal(single.reset(options=options)[0], observations[0])
+
+
+def drawn_task(rng: np.random.Generator, commanded: bool) -> dict[str, float]:
+    """Some fields of a task; a commanded speed leaves no target to choose."""
+    names = [field.name for field in dataclasses.fields(Task)]
+    chosen = {name: rng.uniform(0.01, 3.0) for name in names if rng.random() < 0.5}
+    if commanded:
+        chosen.pop("target_speed", None)
+    return chosen
 
 
 def drawn_start(rng: np.random.Generator, params: WheelParams) -> dict[str, Any] | None:
@@ -192,31 +238,58 @@ def step_through(batch: Batch, envs: Any, single: Any, rng: np.random.Generator)
     ways = rng.integers(0, 6, n)
     begun, ended_alone = np.zeros(n, dtype=bool), False  # rows reset in the place of a step
     for number in range(LENGTH):
+        if rng.random() < 0.03:
+            command(batch, envs, single, rng)
         ways = np.where(rng.random(n) < 0.04, rng.integers(0, 6, n), ways)
         before = envs.states
         actions = commands(rng, ways, before, emf)
-        try:
-            seen = envs.step(actions)
-        except RuntimeError as error:
-            if "left the model's range" not in str(error):
-                raise
-            return  # a backward touchdown under the thesis's law
+        snapshot = envs.get_state() if number in REINTEGRATED else None
+        seen = envs.step(actions)
+        if snapshot is not None:
+            step_again(envs, snapshot, actions, seen)
         ended = seen[2] | seen[3]
         with np.errstate(invalid="ignore"):
-            for trouble, bad in broken(machines, before, envs.states, ~begun & ~ended, seen):
+            for trouble, bad in broken(envs, machines, before, ~begun & ~ended, seen):
                 rows = np.flatnonzero(bad & ~begun)
                 assert rows.size == 0, f"{trouble}: {machines[rows[0]]}, {before[rows[0]]}"
         ended_alone = compare(batch.mode, single, actions[0], seen, ended_alone)
-        if number in REINTEGRATED and not {"ranges", "disturbances"} & set(batch.settings):
-            reintegrate(machines, before, actions, envs.states, begun, seen)
+        if not {"ranges", "disturbances", "actions"} & set(batch.settings | batch.options):
+            if envs.control.ticks > 1:
+                divide(envs, machines, before, actions, ~begun & ~ended, seen)
+            if number in REINTEGRATED:
+                reintegrate(envs, machines, before, actions, ~begun & ~ended, seen)
         if batch.mode is AutoresetMode.DISABLED and ended.any():
-            observations, _ = envs.reset(options={"reset_mask": ended})
             if ended[0]:
-                assert np.array_equal(single.reset()[0], observations[0])
+                reset_first(batch, envs, single, rng, ended)
                 ended_alone = False
+            else:
+                envs.reset(options={"reset_mask": ended})
         if ended.any() or begun.any():
             machines = envs.params  # ranges draw others
         begun = ended if batch.mode is AutoresetMode.NEXT_STEP else np.zeros_like(begun)
+
+
+def command(batch: Batch, envs: Any, single: Any, rng: np.random.Generator) -> None:
+    """Change reward and commanded speed of the first row, and of others, within their episodes."""
+    mask = rng.random(envs.num_envs) < 0.5
+    mask[0] = True
+    task = drawn_task(rng, batch.commanded)
+    envs.set_task(task, mask)
+    single.unwrapped.set_task(task)
+    if batch.commanded:
+        speed = rng.uniform(0.01, MOST_SPEED)
+        envs.set_command(speed, mask)
+        single.unwrapped.set_command(speed)
+
+
+def step_again(envs: Any, snapshot: dict[str, Any], actions: np.ndarray, seen: Any) -> None:
+    """From a snapshot the same step gives the same to the bit, and ends in the same state."""
+    after = envs.states
+    envs.set_state(snapshot)
+    again = envs.step(actions)
+    for one, other in zip(seen[:4], again[:4], strict=True):
+        assert np.array_equal(one, other), "differs after set_state"
+    assert np.array_equal(after, envs.states), "differs after set_state"
 
 
 def followed(params: WheelParams) -> bool:
@@ -225,14 +298,15 @@ def followed(params: WheelParams) -> bool:
         return bool(peak(params.constants) >= LEAST_PEAK)
 
 
-def broken(machines, before, after, running, seen) -> Iterator[tuple[str, Any]]:
+def broken(envs, machines, before, running, seen) -> Iterator[tuple[str, Any]]:
     """What breaks each rule, and which rows (N,) do."""
     observations, rewards, _, _, info = seen
+    period, after = envs.control.period, envs.states
     p = WheelParams().constants._make(np.stack([m.constants_array for m in machines], axis=1))
     weight, limit = np.array([(m.weight, m.voltage_limit) for m in machines]).T
     stall = limit * p.K * p.G  # torque
     yield "an observation is not finite", ~np.isfinite(observations).all(axis=1)
-    outside = np.abs(observations) > OBSERVATION_BOUND
+    outside = np.abs(observations) > envs.single_observation_space.high
     yield "an observation is outside its space", outside.any(axis=1)
     yield "the reward is not finite", ~np.isfinite(rewards)
     terms = functools.reduce(operator.add, (info[name] for name in TERM_NAMES))
@@ -247,14 +321,14 @@ def broken(machines, before, after, running, seen) -> Iterator[tuple[str, Any]]:
     residuals = np.abs(energies.sum(axis=0)) / (scale + stall + np.abs(energies).sum(axis=0))
     unresolved = np.array([not followed(machine) for machine in machines])
     yield "the ledger does not balance", ~(residuals <= RESIDUAL) & ~unresolved
-    small = RESIDUAL * (weight * p.L1 + limit**2 * p.G * CONTROL_PERIOD + stall)
+    small = RESIDUAL * (weight * p.L1 + limit**2 * p.G * period + stall)
     for name in (*LOSSES, "shaft", "electrical_positive", "idle"):
         yield f"{name} is negative", info[name] < -small
     dissipates = np.array([machine.impact_law == "plastic" for machine in machines])
     yield "a plastic touchdown creates energy", dissipates & (info["collision"] < -small)
     short = info["electrical_positive"] - np.maximum(info["electrical"], 0.0)
     yield "electrical_positive is less than electrical", short < -small
-    late = info["elapsed"] / CONTROL_PERIOD - 1
+    late = info["elapsed"] / period - 1
     yield "the interval is too long or too short", (late > 1e-12) | running & (late < -1e-12)
     phi, theta, dphi, dtheta, mode = after[:, :5].T
     yield "a foot is below the ground", running & ~(np.maximum(p.a - phi, phi - p.b) <= 1e-12)
@@ -286,22 +360,48 @@ def compare(mode: AutoresetMode, single: Any, action: Any, seen: Any, had_ended:
     return any(ends)
 
 
-def reintegrate(machines, before, actions, after, begun, seen) -> None:
+def divide(envs, machines, before, actions, running, seen) -> None:
+    """A row moves in intervals of 10 ms as in one long interval, unless rounding decides events."""
+    rows = running & [followed(machine) for machine in machines]
+    for i in np.flatnonzero(rows)[:1]:
+        state, touchdowns = before[i : i + 1].copy(), 0.0
+        for _ in range(envs.control.ticks):
+            out = advance(machines[i], state, volts(machines[i], actions[i]))[0]
+            touchdowns += out[ROW.touchdowns]
+            if out[ROW.failure]:
+                return
+        after = envs.states[i]
+        if touchdowns == seen[4]["touchdowns"][i] and state[0, MODE] == after[MODE]:
+            apart = difference(state[0], before[i], after)
+            message = f"{apart} in intervals of 10 ms: {machines[i]}, {before[i]}, {actions[i]}"
+            assert apart.max() <= DIVIDED, message
+
+
+def reintegrate(envs, machines, before, actions, running, seen) -> None:
     """The reference simulator agrees with an interval in single stance without touchdowns."""
-    _, _, terminated, truncated, info = seen
-    rows = ~begun & ~terminated & ~truncated & (info["touchdowns"] == 0.0)
+    rows = running & (seen[4]["touchdowns"] == 0.0)
     rows &= (before[:, MODE] != DOUBLE) & [followed(machine) for machine in machines]
     for i in np.flatnonzero(rows)[:1]:
-        volts = machines[i].voltage_limit * np.clip(float(actions[i, 0]), -1.0, 1.0)
+        held = np.repeat(volts(machines[i], actions[i]), envs.control.ticks)
         try:
-            motion = simulate(machines[i], before[i][:4], [volts], CONTROL_PERIOD, pull=0.0)
+            motion = simulate(machines[i], before[i][:4], held, envs.control.period, pull=0.0)
         except RuntimeError:  # the reference's motion diverges or chatters
             return
         if motion.events or motion.failure is not None:  # rounding decides what just touches
             return
-        scale = np.maximum(1.0, np.abs([1.0, before[i, 1], *after[i, 2:4]]))
-        apart = np.abs(motion.x[-1] - after[i, :4]) / scale
+        apart = difference(motion.x[-1], before[i], envs.states[i])
         assert apart.max() <= DIFFERENCE, f"{apart} from the reference: {machines[i]}, {before[i]}"
+
+
+def volts(machine: WheelParams, action: np.ndarray) -> np.ndarray:
+    """The voltage (1,) that an action (1,) holds."""
+    return machine.voltage_limit * np.clip(action.astype(np.float64), -1.0, 1.0)
+
+
+def difference(state: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Of two final states: of the angles (rad), of the rates relative to their size."""
+    scale = np.maximum(1.0, np.abs([1.0, before[1], *after[2:4]]))
+    return np.abs(state[:4] - after[:4]) / scale
 
 
 @settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))

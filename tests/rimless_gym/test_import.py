@@ -13,14 +13,13 @@ import pytest
 
 import rimless_gym
 
-HEAVY = ("casadi", "llvmlite", "matplotlib", "numba", "pygame", "scipy", "torch")
+HEAVY = ("casadi", "jax", "llvmlite", "matplotlib", "numba", "pygame", "scipy", "torch")
 
 
-def printed(code: str) -> str:
+def printed(code: str, *flags: str) -> str:
     settings = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=settings
-    )
+    command = [sys.executable, *flags, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=settings)
     return done.stdout
 
 
@@ -46,6 +45,13 @@ def test_public_names_can_be_imported_in_any_order() -> None:
     assert rimless_gym.RimlessWheelEnv.__name__ == "RimlessWheelEnv"
     with pytest.raises(AttributeError, match="no attribute 'Wheel'"):
         rimless_gym.Wheel  # noqa: B018
+
+
+def test_nothing_needs_docstrings() -> None:
+    code = (
+        "import rimless_gym, rimless_gym.envs.speed, agents.cli.main;print(agents.cli.main.usage())"
+    )
+    assert "rimless COMMAND" in printed(code, "-OO")
 
 
 def test_the_version_is_the_projects() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -105,6 +106,12 @@ def test_code_compiled_from_other_sources_is_replaced(
     assert times == 1
     assert len(after) == len(before)
     assert not set(after) & set(before)
+
+
+def test_without_compiling_there_is_no_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
+    with pytest.raises(ValueError, match=r"NUMBA_DISABLE_JIT is set: .* unset it"):
+        importlib.reload(jit)
 
 
 def test_a_file_that_cannot_be_written_costs_only_a_warning(folder: Path) -> None:

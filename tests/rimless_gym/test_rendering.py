@@ -101,6 +101,16 @@ def test_a_window_shows_frames_until_it_is_closed():
     window.close()
 
 
+def test_closing_one_of_two_windows_leaves_the_other_open():
+    frame = draw(THESIS_PHYSICAL, STANDING, size=(300, 200))
+    first, second = (Window((300, 200), fps=1000) for _ in range(2))
+    first.close()
+    second.show(frame)
+    assert second.is_open
+    second.close()
+    assert not pygame.display.get_init()
+
+
 def test_a_gif_keeps_the_frames_their_rate_and_stays_small(tmp_path):
     frames = [
         draw(PROTOTYPE, Scene(phi=1.2 + 0.02 * k, theta=0.1 * k), size=(300, 200))

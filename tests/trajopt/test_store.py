@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,19 @@ def test_arrays_replace_a_file_as_a_whole(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["stamps.npz"]
     with pytest.raises(ValueError, match=r"'stamps 3', but 'stamps 4'.*draw it again"):
         read_arrays(path, "stamps 4", ValueError, "draw it again")
+
+
+def test_arrays_that_would_take_too_much_memory_are_refused_before_they_are_read(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "stamps.npz"
+    write_arrays(path, "stamps 3", {}, {"a": np.zeros(2**20)})
+    assert path.stat().st_size < 2**14
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="bytes of arrays, and at most 4194304 are read"):
+        read_arrays(path, "stamps 3", ValueError, "draw it again", most=2**22)
+    assert tracemalloc.get_traced_memory()[1] < 2**20
+    tracemalloc.stop()
 
 
 def test_arrays_that_were_edited_are_refused(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ from trajopt.feedback.controller import CONTACT_MARGIN, NEAR
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
 from trajopt.gaits.solution import Solution
-from trajopt.pool import cores
+from trajopt.pool import cores, progress_bar
 from trajopt.store import Store, key
 
 #: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
@@ -314,6 +314,7 @@ def cost_to_gait(
 
     `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
     """
+    sweeps = progress_bar("start-up controller", iterable=range(SWEEPS), leave=False)
     single = _outcomes(params, grid.single(), weights)
     double = _outcomes(params, grid.double(), weights)
     counts = grid.counts
@@ -321,7 +322,7 @@ def cost_to_gait(
     to_go = CostToGo(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
     open_single = np.flatnonzero(~at_the_gait & np.isfinite(single.cost).any(axis=1))
     open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
-    for sweep in range(SWEEPS):
+    for sweep in sweeps:
         order = 1 if sweep % 2 == 0 else -1
         change = max(
             _swept(to_go.single.reshape(-1), open_single[::order], single, to_go, grid),

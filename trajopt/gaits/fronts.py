@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
@@ -21,6 +20,7 @@ from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.ranking import clearly_less
+from trajopt.pool import progress_bar
 from trajopt.store import Store, key
 
 
@@ -94,9 +94,12 @@ def cot_front(
     regeneration: bool = False,
     hold: float | None = None,
     folder: Path | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> CotFront:
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
+
+    A stride is left out where the most promising shipped gait repeats one of fewer steps, which is
+    asked for as well: solved again, it would be the same gait.
 
     With a `hold`, the gaits are those of `periodic_gait` with that hold, each continued from one
     without it. Their speeds are those nearest to `speeds` at which a *step* lasts a whole number of
@@ -109,7 +112,7 @@ def cot_front(
         regeneration: whether the battery takes energy back.
         hold: period of the clock between whose ticks the voltage is constant (s), or None.
         folder: where each gait is saved when it has been solved, and read from if it is there.
-        progress: whether to show a progress bar.
+        progress: whether to show a progress bar on a terminal.
 
     Raises:
         NoGaitError: no gait was found at any speed.
@@ -125,11 +128,14 @@ def cot_front(
         speeds = sorted({held_speed(params, speed, 1, hold) for speed in speeds})
     solutions: list[Solution] = []
     missing: list[tuple[int, float, str]] = []
-    bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
+    bar = progress_bar("front", progress, total=len(steps) * len(speeds), unit="gait")
     for count in steps:
         free: list[Solution] = []
         held: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
+            bar.update()
+            if _repeats(params, speed, count, steps):
+                continue
             bar.set_postfix_str(f"{count} steps, {speed:g} m/s")
             wanted = Wanted(params, speed, count, regeneration)
             gait = _solved(wanted, free, folder)
@@ -141,7 +147,6 @@ def cot_front(
                 missing.append((count, speed, gait))
             elif hold is not None:
                 held.append(gait)
-            bar.update()
         solutions += sorted(free if hold is None else held, key=lambda s: s.speed)
     bar.close()
     verified = tuple(s for s in solutions if s.verification.passed)
@@ -151,6 +156,12 @@ def cot_front(
     if not verified:
         raise NoGaitError("\n".join(why for _, _, why in missing))
     return CotFront(verified, tuple(missing))
+
+
+def _repeats(params: WheelParams, speed: float, count: int, steps: Sequence[int]) -> bool:
+    """Whether the best guess for a stride is a shorter one, repeated, that is asked for as well."""
+    known = candidates(params, speed, count)
+    return bool(known) and known[0].repeated > 1 and count // known[0].repeated in steps
 
 
 def _row(name: str, values: Any) -> list[Any]:
@@ -212,7 +223,9 @@ def _found(wanted: Wanted, known: Sequence[Solution]) -> Solution | str:
     best = next(iter(ranked(gaits, speed)), None)
     guess = best.load() if isinstance(best, Entry) else best
     try:
-        return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=guess)
+        return periodic_gait(
+            *(params, speed, steps, regeneration), hold=hold, guess=guess, progress=False
+        )
     except NoGaitError as error:
         return str(error)
 

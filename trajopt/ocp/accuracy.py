@@ -1,27 +1,21 @@
-"""How accurate a solution on a mesh is: errors between the nodes, costates and Hamiltonian.
-
-The costate at an element's edge is the derivative of the remaining cost with respect to the state
-there; it is computed from the next element's Lagrangian. At an optimum the Hamiltonian, running
-cost + costate . flow, is constant along every phase, because nothing depends on time explicitly. It
-equals the price of the phase's duration: the derivative of the phase's least cost with respect to
-it. (A bounded integral counts as a running cost, priced at its multiplier.) Both hold for the
-continuous problem; how well they hold on a mesh tells how good the mesh is.
-"""
+"""How accurate a solution on a mesh is: errors between the nodes, and violated limits."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
+from trajopt.ocp.certificate import Certificate, certificate
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
-from trajopt.ocp.layout import evaluated
+from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.scaling import PhaseScales, Scales, scales_of
 from trajopt.ocp.schemes import full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
@@ -47,20 +41,28 @@ class Candidate:
     result: Result
 
     @cached_property
+    def scales(self) -> Scales:
+        """The scales along the solution, to which errors are relative."""
+        result = self.result
+        return scales_of(self.transcription.problem, result.phases, result.parameters)
+
+    @cached_property
     def certificate(self) -> Certificate:
         """Costates and Hamiltonian."""
-        return certificate(self.transcription, self.result)
+        return certificate(self.transcription, self.result, self.scales)
 
     @cached_property
     def qualities(self) -> tuple[Quality, ...]:
         """The errors of every phase."""
         result = self.result
-        gaps = self.certificate.cost_gaps(result.phases, result.cost)
-        errors = cost_errors(self.transcription, result)
-        each = zip(self.transcription.problem.phases, result.phases, errors, gaps, strict=True)
+        whole = self.scales.cost + abs(result.cost)
+        gaps = [gap / whole for gap in self.certificate.cost_gaps]
+        errors = cost_errors(self.transcription, result, self.scales)
+        phases = self.transcription.problem.phases
+        each = zip(phases, result.phases, self.scales.phases, errors, gaps, strict=True)
         return tuple(
-            assess(phase, trajectory, result.parameters, error, gap)
-            for phase, trajectory, error, gap in each
+            assess(phase, trajectory, result.parameters, scales, error, gap)
+            for phase, trajectory, scales, error, gap in each
         )
 
     @property
@@ -70,20 +72,21 @@ class Candidate:
 
     @property
     def overshoot(self) -> float:
-        """Largest violation of a path constraint between the nodes."""
+        """Largest violation of a path constraint between the nodes, relative."""
         return float(max(quality.path_violation.max() for quality in self.qualities))
 
     def costs_more_than(self, other: Candidate) -> bool:
         """Whether it costs so much more that it must be another optimum."""
         cost = other.result.cost
-        return self.result.cost - cost > SAME_COST * (1e-9 + abs(cost))
+        return self.result.cost - cost > SAME_COST * max(abs(cost), 1e-9 * self.scales.cost)
 
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
     """The errors of a phase, element by element, between the nodes of its mesh.
 
-    Errors of states are relative to 1 + the largest magnitude of that state in the phase.
+    Errors of states are relative to the scale of the state + its largest magnitude in the phase,
+    violations to the scale of what is violated.
 
     Attributes:
         defect_error: the largest magnitude of the residual x' - flow(x, u), integrated from the
@@ -92,9 +95,9 @@ class Quality:
             edge under the element's own control, shape (M,).
         limit_violation: largest violation of a bound on a state or control, shape (M,).
         path_violation: largest violation of each path constraint, shape (M, m).
-        cost_error: error of the program's quadrature of costs and integrals, relative to 1 + the
-            magnitude of the whole, shape (M,).
-        cost_gap: what the control may cost too much, see `Certificate.cost_gaps`, shape (M,).
+        cost_error: error of the program's quadrature of costs and integrals, relative to the
+            scale + the magnitude of the whole, shape (M,).
+        cost_gap: `Certificate.cost_gaps`, relative to the scale + the magnitude of the cost, (M,).
     """
 
     defect_error: Array
@@ -114,19 +117,20 @@ def assess(
     phase: Phase,
     trajectory: PhaseTrajectory,
     p: Array,
+    scales: PhaseScales,
     cost_error: Array | float = 0.0,
     cost_gap: Array | float = 0.0,
 ) -> Quality:
     """Measure a phase on a dense grid within its elements; the costs' errors are known."""
     states, rates, controls = _dense(trajectory)
-    scale = 1.0 + np.abs(states).max(axis=(0, 1))
+    scale = scales.states + np.abs(states).max(axis=(0, 1))
     flow = evaluated(phase.flow, states, controls, p)
     residual = rates - trajectory.element_durations[:, None, None] * flow
     trapezia = 0.5 * (residual[:, 1:] + residual[:, :-1]) * np.diff(GRID)[:, None]
     integral = np.cumsum(trapezia, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
-    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p)
+    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p, scales)
     path = paths[0][2].max(axis=1) if paths else np.zeros((len(states), 1))
     outside = np.concatenate([of_states, of_controls], axis=-1)
     return Quality(
@@ -139,13 +143,14 @@ def assess(
     )
 
 
-def cost_errors(transcription: Transcription, result: Result) -> list[Array]:
+def cost_errors(transcription: Transcription, result: Result, scales: Scales) -> list[Array]:
     """The program's quadrature compared with a finer one: `Quality.cost_error` of every phase."""
     problem, p = transcription.problem, result.parameters
     integrals = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
-    scale = [1.0 + np.abs(values.sum(axis=0)) for values in integrals]
-    for values in scale:
-        values[0] = 1.0 + abs(result.cost)
+    scale = []
+    for values, units in zip(integrals, scales.phases, strict=True):
+        scale.append(np.r_[scales.cost, units.integral] + np.abs(values.sum(axis=0)))
+        scale[-1][0] = scales.cost + abs(result.cost)
     for each in transcription.equations.element_blocks:
         block, errors = each.block, integrals[each.phase]
         mapped = block.function.map(block.count)
@@ -191,9 +196,9 @@ def beyond(values: Array, lower: Array, upper: Array) -> Array:
 
 
 def _limits(
-    phase: Phase, trajectory: PhaseTrajectory, p: Array
-) -> list[tuple[str, tuple[str, ...], Array]]:
-    """Kind, names (m) and excesses (M, samples, m) on the dense grid: states, controls, path.
+    phase: Phase, trajectory: PhaseTrajectory, p: Array, scales: PhaseScales
+) -> list[tuple[str, dict[str, float], Array]]:
+    """Kind, scales of m names, and relative excesses (M, samples, m): states, controls, path.
 
     States are allowed what their ends, which have bounds of their own, are outside those all along.
     """
@@ -201,13 +206,16 @@ def _limits(
     ends = np.stack([trajectory.start, trajectory.end])
     at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
     limits = [
-        ("bound", phase.states, beyond(states, *phase.state_bounds()) - at_ends),
-        ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
+        ("bound", phase.states, scales.states, beyond(states, *phase.state_bounds()) - at_ends),
+        ("bound", phase.controls, scales.controls, beyond(controls, *phase.control_bounds())),
     ]
     if phase.path is not None:
-        values = evaluated(phase.path.function, states, controls, p)
-        limits.append(("path constraint", phase.path.names, phase.path.violation(values)))
-    return limits
+        excess = phase.path.violation(evaluated(phase.path.function, states, controls, p))
+        limits.append(("path constraint", phase.path.names, scales.path, excess))
+    return [
+        (kind, dict(zip(names, units.tolist(), strict=True)), excess / units)
+        for kind, names, units, excess in limits
+    ]
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
@@ -221,122 +229,42 @@ def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     return basis @ trajectory.states, slope @ trajectory.states, controls
 
 
-def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tuple[Violation, ...]:
-    """The worst violation of every limit that is violated between the nodes, worst first."""
-    violations: list[Violation] = []
+def _undefined(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> list[Violation]:
+    """Every function's first time at which it is not finite."""
+    violations = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
-        for kind, names, outside in _limits(phase, trajectory, p):
-            for name, excess in zip(names, np.moveaxis(outside, -1, 0), strict=True):
+        x, _, u = _dense(trajectory)
+        for kind in ("flow", "cost", "powers", "path", "integral"):
+            function = getattr(phase, kind)
+            if function is None:
+                continue
+            names = phase.states if kind == "flow" else getattr(function, "names", None)
+            values = evaluated(getattr(function, "function", function), x, u, p)
+            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1))):
+                time = float(times[~np.isfinite(values[..., row])].min())
+                name = names[row] if names else ""
+                violations.append(Violation(kind, name, phase.name, time, math.inf, math.inf))
+    return violations
+
+
+def audit(
+    problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, scales: Scales
+) -> tuple[Violation, ...]:
+    """The worst violation of every limit that is violated between the nodes, worst first.
+
+    Functions that are not finite somewhere count as infinite violations.
+    """
+    violations = _undefined(problem, phases, p)
+    for phase, trajectory, each in zip(problem.phases, phases, scales.phases, strict=True):
+        times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
+        for kind, units, outside in _limits(phase, trajectory, p, each):
+            for (name, unit), excess in zip(
+                units.items(), np.moveaxis(outside, -1, 0), strict=True
+            ):
                 worst = np.unravel_index(np.argmax(excess), excess.shape)
-                amount = float(excess[worst])
-                if amount > NOTEWORTHY:
-                    time = float(times[worst])
-                    violations.append(Violation(kind, name, phase.name, time, amount))
-    return tuple(sorted(violations, key=lambda violation: -violation.amount))
-
-
-# -- costates and Hamiltonian -------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class Certificate:
-    """First-order optimality, phase by phase.
-
-    Attributes:
-        costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
-        hamiltonian: at both ends of every element, shape (M, 2) each.
-        mean_hamiltonian: of every element in the program: the derivative of the least cost with
-            respect to the element's duration, shape (M,) each.
-        duration_price: the same with respect to each phase's duration, shape (phases,).
-    """
-
-    costates: tuple[Array, ...]
-    hamiltonian: tuple[Array, ...]
-    mean_hamiltonian: tuple[Array, ...]
-    duration_price: Array
-
-    @property
-    def hamiltonian_spread(self) -> float:
-        """Largest deviation from its mean over a phase, relative to 1 + its largest magnitude."""
-        spreads = [np.abs(h - h.mean()).max() / (1 + np.abs(h).max()) for h in self.hamiltonian]
-        return float(max(spreads))
-
-    @property
-    def transversality_error(self) -> float:
-        """Largest gap between the mean Hamiltonian and the price of duration, likewise relative."""
-        pairs = zip(self.hamiltonian, self.duration_price, strict=True)
-        return float(max(abs(h.mean() - price) / (1 + abs(price)) for h, price in pairs))
-
-    def cost_gaps(self, phases: Sequence[PhaseTrajectory], cost: float) -> tuple[Array, ...]:
-        """What each element may cost too much, relative to 1 + |cost|, shape (M,) per phase.
-
-        Where the control is not optimal, for example because the optimal one switches within the
-        element, the Hamiltonian varies. Its variation times the element's duration is a cost.
-        """
-        gaps = []
-        for ends, mean, phase in zip(self.hamiltonian, self.mean_hamiltonian, phases, strict=True):
-            all_three = np.column_stack([ends, mean])
-            gaps.append(np.ptp(all_three, axis=1) * phase.element_durations / (1 + abs(cost)))
-        return tuple(gaps)
-
-
-def certificate(transcription: Transcription, result: Result) -> Certificate:
-    """Costates and Hamiltonian of a solution from its multipliers."""
-    problem = transcription.problem
-    means = [np.zeros(len(t.edges) - 1) for t in result.phases]
-    costates = [np.zeros((len(t.edges), t.states.shape[-1])) for t in result.phases]
-    for each in transcription.equations.element_blocks:
-        index, group, block = each.phase, each.group, each.block
-        v, d = block.function.sx_in()
-        outputs, cost = block.function(v, d)
-        mu = ca.SX.sym("mu", outputs.numel())
-        gradient = ca.Function("g", [v, d, mu], [ca.gradient(cost + ca.dot(mu, outputs), v)])
-        values = np.asarray(
-            gradient.map(block.count)(
-                result.unknowns[block.variables], block.data, result.multipliers[block.rows]
-            )
-        )
-        nx, n = len(problem.phases[index].states), len(group.scheme.nodes)
-        costates[index][group.elements] = values[:nx].T
-        if group.elements[-1] == len(costates[index]) - 2:
-            right = nx * (n - 1)
-            costates[index][-1] = -values[right : right + nx, -1]
-        means[index][group.elements] = values[-1 - len(result.parameters)] / block.data[0]
-    prices = {(rows.kind, rows.phase): mu for rows, mu in transcription.multipliers_of(result)}
-    hamiltonians = [
-        hamiltonian(phase, trajectory, costates[i], result.parameters, prices.get(("integral", i)))
-        for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
-    ]
-    widths = [t.element_durations / t.duration for t in result.phases]
-    price = np.array([mean @ width for mean, width in zip(means, widths, strict=True)])
-    return Certificate(tuple(costates), tuple(hamiltonians), tuple(means), price)
-
-
-def hamiltonian(
-    phase: Phase,
-    trajectory: PhaseTrajectory,
-    costates: Array,
-    p: Array,
-    prices: Array | None = None,
-) -> Array:
-    """The Hamiltonian at both ends of every element, shape (M, 2).
-
-    The costates are those at the elements' edges, the multipliers those of bounded integrals.
-    """
-    x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
-    rates = np.stack([costates[:-1], costates[1:]], axis=1)
-    value = np.einsum("esx,esx->es", rates, evaluated(phase.flow, x, u, p))
-    if phase.integral is not None and prices is not None:
-        value = value + evaluated(phase.integral.function, x, u, p) @ prices
-    return np.asarray(value + running_cost(phase, x, u, p))
-
-
-def running_cost(phase: Phase, x: Array, u: Array, p: Array) -> Array:
-    """The running cost at states (..., nx) and controls (..., nu)."""
-    cost = np.zeros(x.shape[:-1])
-    if phase.cost is not None:
-        cost = cost + evaluated(phase.cost, x, u, p)[..., 0]
-    if phase.powers is not None:
-        cost = cost + np.maximum(evaluated(phase.powers, x, u, p), phase.floor).sum(axis=-1)
-    return np.asarray(cost)
+                relative = float(excess[worst])
+                if relative > NOTEWORTHY:
+                    amounts = float(times[worst]), unit * relative, relative
+                    violations.append(Violation(kind, name, phase.name, *amounts))
+    return tuple(sorted(violations, key=lambda violation: -violation.relative))

@@ -20,8 +20,11 @@ Expression: TypeAlias = Callable[..., Any]
 #: Bounds by name: (lower, upper), or one number where both are equal. Unbounded names are left out.
 Bounds = Mapping[str, float | tuple[float, float]]
 
-#: Violations below this are rounding.
+#: Relative violations below this are rounding.
 NOTEWORTHY = 1e-9
+
+#: Arguments with which a traced function is tried: of any size, since its units are not known.
+TRIED = (0.3, 0.7, -0.4, 1e-3, 1e-6, 1e-9, 1e3, 1e6)
 
 
 class InfeasibleBoundsError(ValueError):
@@ -69,11 +72,13 @@ class Violation:
     """A constraint or bound that is violated.
 
     Attributes:
-        kind: of constraint, see `trajopt.ocp.equations.Rows`; "bound" for bounds.
+        kind: of constraint, see `trajopt.ocp.equations.Rows`; "bound" for bounds; the name of a
+            function that is not finite.
         name: of the row.
         phase: name of the phase; empty for the problem as a whole.
         time: from the phase's start (s).
         amount: of the violation.
+        relative: the amount, relative to the scale of what is violated.
     """
 
     kind: str
@@ -81,11 +86,16 @@ class Violation:
     phase: str
     time: float
     amount: float
+    relative: float
 
     def __str__(self) -> str:
         where = f" of phase {self.phase!r} at t = {self.time:.6g} s" if self.phase else ""
         name = f" of {self.name}" if self.name else ""
-        return f"{self.kind}{name}{where} violated by {self.amount:.1e}"
+        if math.isinf(self.amount):
+            return f"{self.kind}{name}{where} is not finite"
+        return (
+            f"{self.kind}{name}{where} violated by {self.amount:.1e} (relative {self.relative:.1e})"
+        )
 
 
 def nonnegative(function: Expression, *names: str) -> Constraint:
@@ -160,7 +170,7 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
         raise ValueError(
             f"{where} cannot be traced with symbols of sizes {sizes}: {error}"
         ) from error
-    tried = [traced(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
+    tried = [traced(*(np.full(n, value) for n in sizes)).full() for value in TRIED]
     if not np.isfinite(tried).any(axis=0).all():
         raise ValueError(
             f"{where} is not finite for any arguments tried: use CasADi's functions in it, such as "

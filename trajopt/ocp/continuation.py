@@ -20,6 +20,7 @@ from trajopt.ocp.constraints import InfeasibleBoundsError
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
+from trajopt.ocp.scaling import Scales
 from trajopt.ocp.solve import WARM_BARRIER, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Transcription
@@ -90,12 +91,14 @@ def continued(
     return Curve(solved, solutions, obstacle)
 
 
-def distance(one: Sequence[PhaseTrajectory], other: Sequence[PhaseTrajectory]) -> float:
-    """Largest difference of states at equal fractions of a phase, relative to 1 + magnitude."""
+def distance(
+    one: Sequence[PhaseTrajectory], other: Sequence[PhaseTrajectory], scales: Scales
+) -> float:
+    """Largest difference of states at equal fractions of a phase, relative to scale + magnitude."""
     fractions, largest = np.linspace(0.0, 1.0, 33), 0.0
-    for a, b in zip(one, other, strict=True):
+    for a, b, units in zip(one, other, scales.phases, strict=True):
         x, y = (phase.state(phase.duration * fractions) for phase in (a, b))
-        scale = 1.0 + np.maximum(np.abs(x), np.abs(y)).max(axis=0)
+        scale = units.states + np.maximum(np.abs(x), np.abs(y)).max(axis=0)
         largest = max(largest, float((np.abs(x - y) / scale).max()))
     return largest
 
@@ -184,7 +187,7 @@ class _Follower:
         )
         if not extremal.succeeded or extremal.violations:
             return Obstacle(value, "; ".join(extremal.failures), extremal)
-        jump = distance(guess, extremal.phases) if self.solved else 0.0
+        jump = distance(guess, extremal.phases, extremal.scales) if self.solved else 0.0
         if jump > MOST_JUMP:
             return Obstacle(value, f"a jump to another solution, by {jump:.2g}", extremal)
         self.solved.append((value, extremal))

@@ -16,6 +16,7 @@ from trajopt.ocp.layout import Layout, power_count
 from trajopt.ocp.mesh import Group, Mesh
 from trajopt.ocp.problem import Linkage, Phase, Problem
 from trajopt.ocp.program import Block
+from trajopt.ocp.scaling import Scales
 from trajopt.ocp.schemes import Scheme
 from trajopt.ocp.trajectory import PhaseTrajectory
 
@@ -183,14 +184,19 @@ class Equations:
         lower, upper = (np.concatenate(side) for side in zip(*parts, strict=True))
         return lower, upper
 
+    def scales(self, scales: Scales) -> Array:
+        """The scales of the rows of g, shape (count,)."""
+        return np.concatenate([_row_scales(rows, scales) for rows in self.rows])
+
     def violations(
-        self, excess: Array, phases: Sequence[PhaseTrajectory], problem: Problem
+        self, excess: Array, scales: Scales, phases: Sequence[PhaseTrajectory], problem: Problem
     ) -> tuple[Violation, ...]:
         """The worst row of every kind that is violated, worst first, given every row's excess."""
         worst, first = [], 0
         for rows in self.rows:
-            part = excess[first : first + rows.count]
+            amounts = excess[first : first + rows.count]
             first += rows.count
+            part = amounts / _row_scales(rows, scales)
             if not len(part) or part.max() < NOTEWORTHY:
                 continue
             index = int(np.argmax(part))
@@ -199,8 +205,9 @@ class Equations:
             if rows.phase >= 0:
                 phase = problem.phases[rows.phase].name
                 time = float(rows.fractions[place] * phases[rows.phase].duration)
-            worst.append(Violation(rows.kind, name, phase, time, float(part[index])))
-        return tuple(sorted(worst, key=lambda violation: -violation.amount))
+            sizes = float(amounts[index]), float(part[index])
+            worst.append(Violation(rows.kind, name, phase, time, *sizes))
+        return tuple(sorted(worst, key=lambda violation: -violation.relative))
 
 
 def _once(function: Any, variables: Sequence[Indices], rows: Indices | None) -> Block:
@@ -233,6 +240,22 @@ def _row_bounds(rows: Rows, problem: Problem, links: Iterator[Linkage]) -> tuple
     assert constraint is not None  # the rows were made from it
     times = rows.count // len(rows.names)
     return np.tile(constraint.lower, times), np.tile(constraint.upper, times)
+
+
+def _row_scales(rows: Rows, scales: Scales) -> Array:
+    if rows.kind == "total duration":
+        return np.array([max(phase.duration for phase in scales.phases)])
+    if rows.kind == "boundary":
+        return scales.boundary
+    s = scales.phases[rows.phase]
+    each = {
+        "path constraint": s.path,
+        "slack": s.powers,
+        "integral": s.integral,
+        "start constraint": s.at_start,
+        "end constraint": s.at_end,
+    }.get(rows.kind, s.states)
+    return np.tile(each, rows.count // len(each))
 
 
 def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:

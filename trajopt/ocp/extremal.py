@@ -7,29 +7,47 @@ therefore given the problem; `load_phases` needs none.
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from rimless_gym.checks import real
-from trajopt.ocp.accuracy import Certificate
+from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.constraints import Violation
+from trajopt.ocp.certificate import PLACES, Certificate, View
+from trajopt.ocp.constraints import Violation, pair
+from trajopt.ocp.layout import evaluated
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.resimulation import Resimulation
+from trajopt.ocp.scaling import Scales, scales_of
 from trajopt.ocp.trajectory import SAME_TIME, PhaseTrajectory, require_side
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.store import joined, provenance, read_arrays, split, write_arrays
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
+
+#: What the control of a solution may cost too much, relative to the scale + |cost|.
+SUBOPTIMAL = 1e-4
+
+#: Simulated states that are off by more than this, relative to their scales, mean nothing.
+MEANINGLESS = 0.1
 
 #: IPOPT's status for a success.
 SUCCESS = "Solve_Succeeded"
 
-FORMAT = "trajopt extremal 3"
+#: Numbers of one problem differ by less than this on all processors: relative, and absolute.
+SAME_NUMBERS, ROUNDING = 1e-9, 1e-13
+
+FORMAT = "trajopt extremal 4"
 
 REMEDY = "copy it again, or solve its problem again"
 
@@ -78,7 +96,8 @@ class Extremal:
         violations: constraints that the program's solution violates, worst first.
         audit: limits that are violated between the nodes, worst first.
         certificate: costates and Hamiltonian.
-        resimulation: the forward simulation; None if `solve` was called with ``verify=False``.
+        resimulation: the forward simulation; None if `solve` was called with ``verify=False``, or
+            the cost has no minimum, or a function is not finite.
         provenance: versions and git revision.
     """
 
@@ -100,8 +119,19 @@ class Extremal:
 
     @property
     def cost(self) -> float:
-        """The objective along the forward simulation, or else `transcribed_cost`."""
-        return self.transcribed_cost if self.resimulation is None else self.resimulation.cost
+        """The objective along the forward simulation, or else `transcribed_cost`.
+
+        A simulation that leaves the solution far behind has a cost without meaning.
+        """
+        simulated = self.resimulation
+        if simulated is None or not max(simulated.phase_errors) < MEANINGLESS:
+            return self.transcribed_cost
+        return simulated.cost
+
+    @cached_property
+    def scales(self) -> Scales:
+        """What counts as one of every quantity; errors are relative to these."""
+        return scales_of(self.problem, self.phases, self.parameters)
 
     @property
     def duration(self) -> float:
@@ -117,8 +147,8 @@ class Extremal:
     def converged(self) -> bool:
         """Whether nothing is wrong.
 
-        That is: IPOPT succeeded, the mesh is fine enough, limits hold, and the forward simulation
-        agrees with the solution.
+        That is: IPOPT succeeded, the mesh is fine enough, limits hold, the forward simulation
+        agrees with the solution, and no other control would clearly cost less.
         """
         return not self.failures
 
@@ -134,12 +164,15 @@ class Extremal:
         if not self.mesh_error <= self.tolerance:
             failures.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
         failures += [
-            f"between the nodes, {b}" for b in self.audit[:3] if b.amount > self.limit_tolerance
+            f"between the nodes, {b}" for b in self.audit[:3] if b.relative > self.limit_tolerance
         ]
         if self.resimulation is not None:
             worst = max(self.resimulation.phase_errors)
             if not worst <= RESIMULATION_FACTOR * self.tolerance:
-                failures.append(f"simulated, a phase is off by {worst:.1e}")
+                failures.append(f"simulated, a phase is off by {worst:.1e} (relative)")
+        excess = self.certificate.suboptimality / (self.scales.cost + abs(self.cost))
+        if not excess <= SUBOPTIMAL:
+            failures.append(f"the control costs about {excess:.1e} (relative) too much")
         return tuple(failures)
 
     @property
@@ -149,43 +182,59 @@ class Extremal:
 
     # -- by time --------------------------------------------------------------------------------
 
-    def state(self, t: float, side: str = "right") -> Array:
-        """State (nx,) at time t (s) from the start of the first phase, with phases in a row.
+    def state(self, t: ArrayLike, side: str = "right") -> Array:
+        """States at times t (s) from the start of the first phase, with phases in a row.
 
         Args:
-            t: from 0 to `duration`.
+            t: from 0 to `duration`, a scalar or of shape (N,). There is nothing outside: a solution
+                is not periodic, as a gait is.
             side: "left" or "right", where one phase ends and the next begins.
 
-        Raises:
-            TypeError: t is not a real number.
-            ValueError: t or `side` is out of its range.
-        """
-        phase, local = self._locate(t, side)
-        return np.asarray(self.phases[phase].state(local)[0])
+        Returns:
+            Shape (nx,) for a scalar, else (N, nx).
 
-    def control(self, t: float, side: str = "right") -> Array:
-        """Control (nu,) at time t (s), likewise; `side` matters wherever the control jumps."""
-        phase, local = self._locate(t, side)
-        return np.asarray(self.phases[phase].control(local, side)[0])
+        Raises:
+            TypeError: a time is not a real number.
+            ValueError: a time or `side` is out of its range, or times lie in phases that have
+                different numbers of states.
+        """
+        return self._read(t, side, lambda phase, local: phase.state(local))
+
+    def control(self, t: ArrayLike, side: str = "right") -> Array:
+        """Controls (nu,) or (N, nu) likewise; `side` matters wherever the control jumps."""
+        return self._read(t, side, lambda phase, local: phase.control(local, side))
 
     @property
     def _ends(self) -> Array:
         """When each phase ends (s); unlike `sum`, the same to the bit on every Python."""
         return np.cumsum([phase.duration for phase in self.phases])
 
-    def _locate(self, t: float, side: str) -> tuple[int, float]:
-        """The index of the phase at time t, and the time from that phase's start."""
-        t = real("t", t)
+    def _read(
+        self, t: ArrayLike, side: str, read: Callable[[PhaseTrajectory, Array], Array]
+    ) -> Array:
+        times = np.atleast_1d(real_array("t", t)).astype(float)
         require_side(side)
         ends = self._ends
         rounding = SAME_TIME * ends[-1]
-        if not -rounding <= t <= ends[-1] + rounding:
-            raise ValueError(f"t = {t}: must be from 0 to {ends[-1]} s")
+        outside = ~((times >= -rounding) & (times <= ends[-1] + rounding))
+        if times.ndim != 1 or outside.any():
+            wrong = times[outside][0] if outside.any() else f"of shape {times.shape}"
+            raise ValueError(f"t = {wrong}: must be from 0 to {ends[-1]} s, one time or a row")
         # Rounding must not decide on which side of a phase's end a time lies that is meant to be
         # on it.
-        past = t + rounding if side == "right" else t - rounding
-        index = min(int(np.searchsorted(ends, past)), len(self.phases) - 1)
-        return index, t - (ends[index] - self.phases[index].duration)
+        past = times + rounding if side == "right" else times - rounding
+        where = np.minimum(np.searchsorted(ends, past), len(self.phases) - 1)
+        parts = {
+            i: read(self.phases[i], times[where == i] - begin)
+            for i, begin in enumerate([0.0, *ends[:-1]])
+            if (where == i).any()
+        }
+        if len({values.shape[1] for values in parts.values()}) > 1:
+            raise ValueError("t: times in phases of different states or controls; read them apart")
+        values = np.empty((len(times), *(v.shape[1] for v in list(parts.values())[:1])))
+        for i, part in parts.items():
+            values[where == i] = part
+        return values if np.ndim(t) else values[0]
 
     # -- reports --------------------------------------------------------------------------------
 
@@ -196,7 +245,7 @@ class Extremal:
         """Everything worth knowing, as text; failures in capitals."""
         elements = ", ".join(str(len(d)) for d in self.mesh.degrees)
         iterations = sum(a.iterations for a in self.attempts)
-        gap = sum(g.sum() for g in self.certificate.cost_gaps(self.phases, self.cost))
+        gap = self.certificate.suboptimality
         lines = [
             f"Optimal control, {len(self.phases)} phase(s), {self.duration:.6g} s",
             f"  outcome              {self.outcome}",
@@ -204,15 +253,25 @@ class Extremal:
             f"  mesh                 {self.mesh.scheme}, {elements} elements, "
             f"error {self.mesh_error:.1e}",
             f"  IPOPT                {len(self.attempts)} run(s), {iterations} iterations",
+            f"  scales               {self._scales_in_words()}",
             f"  Hamiltonian          spread {self.certificate.hamiltonian_spread:.1e}, "
             f"transversality {self.certificate.transversality_error:.1e}",
-            f"  control              costs up to {gap:.1e} (relative) too much, by the above",
+            f"  control              costs about {gap:.1e} too much, by Pontryagin's principle",
         ]
         if self.resimulation is not None:
             lines.append(
                 f"  simulated            off by {max(self.resimulation.phase_errors):.1e} a phase, "
                 f"{self.resimulation.chain_error:.1e} in all"
             )
+            lines += [
+                f"  unstable             errors grow by 1e{growth:.0f} in phase {phase.name!r}, "
+                f"which is simulated in {spans} spans"
+                for phase, spans, growth in zip(
+                    *(self.problem.phases, self.resimulation.spans, self.resimulation.growth),
+                    strict=True,
+                )
+                if spans > 1
+            ]
         for name, value in zip(self.problem.parameters, self.parameters, strict=True):
             lines.append(f"  parameter            {name} = {value:.9g}")
         for phase, trajectory in zip(self.problem.phases, self.phases, strict=True):
@@ -224,6 +283,57 @@ class Extremal:
         lines += [f"  retried              {a.status} with {a.options}" for a in retried]
         return "\n".join(lines)
 
+    def _scales_in_words(self) -> str:
+        """The scale of the cost, and those of each phase that differ from one."""
+        parts = [f"cost {self.scales.cost:g}"]
+        for phase, s in zip(self.problem.phases, self.scales.phases, strict=True):
+            units = dict(zip(phase.states + phase.controls, [*s.states, *s.controls], strict=True))
+            units = {"duration": s.duration} | units
+            others = ", ".join(f"{name} {unit:g}" for name, unit in units.items() if unit != 1.0)
+            parts += [f"{phase.name}: {others}"] if others else []
+        return "; ".join(parts)
+
+    def plot(self) -> Figure:
+        """The solution by time: states and controls, and beside them what tells of optimality.
+
+        Beside a state is its costate, beside a control its switching function, the derivative of
+        the Hamiltonian: where it is positive, less of the control would cost less. Thin lines are
+        the mesh's edges, thick ones the ends of phases.
+        """
+        from matplotlib.figure import Figure  # takes half a second
+
+        names = [list(each.states + each.controls) for each in self.problem.phases]
+        every = list(dict.fromkeys(itertools.chain(*names)))
+        figure = Figure((9.0, 1.6 * len(every)), layout="constrained")
+        axes = figure.subplots(len(every), 2, sharex=True, squeeze=False)
+        begins = [0.0, *self._ends[:-1]]
+        for i, (phase, path) in enumerate(zip(self.problem.phases, self.phases, strict=True)):
+            certificate = self.certificate
+            costates, prices = certificate.costates[i], certificate.prices[i]
+            view = View(phase, path, costates, self.parameters, prices)
+            x, u, slopes = view.inside()
+            sides = np.dstack([x, u]), np.dstack([slopes, view.switching(x, u, slopes)])
+            edges = begins[i] + path.edges
+            times = edges[:-1, None] + path.element_durations[:, None] * PLACES
+            for k, name in enumerate(names[i]):
+                for axis, values in zip(axes[every.index(name)], sides, strict=True):
+                    apart = np.full(len(times), np.nan)  # a gap between elements, where values jump
+                    axis.plot(
+                        np.column_stack([times, edges[1:]]).ravel(),
+                        np.column_stack([values[..., k], apart]).ravel(),
+                        color="C0",
+                    )
+            for axis in axes.flat:
+                axis.vlines(edges, 0, 1, "0.8", lw=0.4, transform=axis.get_xaxis_transform())
+                axis.axvline(edges[-1], color="0.6", lw=0.8)
+        for name, (left, right) in zip(every, axes, strict=True):
+            left.set_ylabel(name)
+            state = any(name in phase.states for phase in self.problem.phases)
+            right.set_ylabel(f"costate of {name}" if state else f"dH/d{name}")
+        for axis in axes[-1]:
+            axis.set_xlabel("time (s)")
+        return figure
+
     # -- files ----------------------------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
@@ -234,6 +344,7 @@ class Extremal:
         """
         attributes = dataclasses.asdict(dataclasses.replace(self, problem=None))  # type: ignore[arg-type]
         arrays: dict[str, Any] = {}
+        attributes["numbers"] = _numbers(self.problem, self.phases, self.parameters)
         header = {"names": _names(self.problem), "attributes": split(attributes, arrays)}
         write_arrays(path, FORMAT, header, arrays)
 
@@ -244,19 +355,29 @@ class Extremal:
         Raises:
             FileNotFoundError: there is no such file.
             ExtremalFileError: it is not a solution saved by this version, was edited or damaged,
-                or its problem has other names.
+                or `problem` is another one than was solved.
         """
         names, attributes = _read(path)
-        if names != _names(problem):
+        phases, numbers = _phases(attributes), attributes.pop("numbers")
+        other = "names or constraints" if names != _names(problem) else ""
+        if not other and not np.allclose(
+            numbers,
+            _numbers(problem, phases, attributes["parameters"]),
+            rtol=SAME_NUMBERS,
+            atol=ROUNDING,
+            equal_nan=True,
+        ):
+            other = "bounds, linkages or functions"
+        if other:
             raise ExtremalFileError(
                 f"{path}: the solution of another problem than the one given, which has other "
-                "names; `load_phases` reads it as a guess"
+                f"{other}; `load_phases` reads it as a guess"
             )
         certificate, simulated = attributes["certificate"], attributes["resimulation"]
         made = {
             "problem": problem,
             "mesh": Mesh.from_dict(attributes["mesh"]),
-            "phases": _phases(attributes),
+            "phases": phases,
             "attempts": tuple(Attempt(**each) for each in attributes["attempts"]),
             "violations": tuple(Violation(**each) for each in attributes["violations"]),
             "audit": tuple(Violation(**each) for each in attributes["audit"]),
@@ -292,5 +413,57 @@ def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _names(problem: Problem) -> dict[str, Any]:
-    phases = [[phase.name, list(phase.states), list(phase.controls)] for phase in problem.phases]
-    return {"phases": phases, "parameters": list(problem.parameters)}
+    """What a problem consists of, by name."""
+    phases = [
+        [phase.name, list(phase.states), list(phase.controls)]
+        + [list(c.names) if c else None for c in phase.constraints]
+        + [phase.cost is not None, phase.powers is not None]
+        for phase in problem.phases
+    ]
+    return {
+        "phases": phases,
+        "linkages": [[link.source, link.target] for link in problem.linkages],
+        "parameters": list(problem.parameters),
+        "boundary": list(problem.boundary.names) if problem.boundary else None,
+        "endpoint_cost": problem.endpoint_cost is not None,
+    }
+
+
+def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> Array:
+    """All numbers of a problem, and what its functions return at places along and off a solution.
+
+    Problems of the same names with the same numbers are the same, though traced elsewhere.
+    """
+    numbers: list[Any] = [pair(problem.duration), *map(pair, problem.parameters.values())]
+    numbers += [problem.offset(link) for link in problem.linkages]
+    if problem.boundary is not None:
+        numbers += [problem.boundary.lower, problem.boundary.upper]
+    for off in (0.0, 0.1):  # relative
+        starts, ends = ([(1 + off) * getattr(t, e) for t in phases] for e in ("start", "end"))
+        for link in problem.linkages:
+            numbers.append(link.map(ends[link.source], p))
+        durations = [t.duration for t in phases]
+        at_all_ends: list[Any] = [problem.endpoint_cost]
+        if problem.boundary is not None:
+            at_all_ends.append(problem.boundary.function)
+        for function in filter(None, at_all_ends):
+            numbers.append(function(np.concatenate(starts), np.concatenate(ends), durations, p))
+        for phase, path, x0, x1 in zip(problem.phases, phases, starts, ends, strict=True):
+            times = path.duration * np.linspace(0.05, 0.95, 7)
+            x, u = ((1 + off) * read(times) + off for read in (path.state, path.control))
+            along = (
+                phase.flow,
+                phase.cost,
+                phase.powers,
+                *(c and c.function for c in phase.constraints[:2]),
+            )
+            numbers += [evaluated(f, x, u, p) for f in along if f]
+            at_ends = zip((phase.at_start, phase.at_end), (x0, x1), strict=True)
+            numbers += [c.function(x, p) for c, x in at_ends if c]
+    for phase in problem.phases:
+        numbers += [*phase.control_bounds(), pair(phase.duration), [phase.floor]]
+        for end in ("all along", "start", "end"):
+            numbers += phase.state_bounds(end)
+        for constraint in filter(None, phase.constraints):
+            numbers += [constraint.lower, constraint.upper]
+    return np.concatenate([np.ravel(np.asarray(each, dtype=float)) for each in numbers])

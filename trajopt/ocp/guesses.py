@@ -10,6 +10,7 @@ import numpy as np
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import pair
 from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.scaling import implied_durations
 from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: One trajectory per phase, on any mesh.
@@ -21,19 +22,25 @@ def straight_lines(problem: Problem) -> Guess:
 
     A state that is free at one end has the value of the other end; if it is free at both, 0.
     Controls are in the middle of their bounds. Durations are equal shares of the total, if that is
-    bounded, or else 1 s, each moved into its own bounds.
+    bounded, or else what the differential equations imply for such states and controls (or 1 s, if
+    that is nothing), each moved into its own bounds.
     """
     phases = []
-    _, high = pair(problem.duration)
-    share = 1.0 if not np.isfinite(high) else high / len(problem.phases)
     for phase in problem.phases:
-        least, most = pair(phase.duration)
-        T = min(max(share, least), most)
         first, last = (middles(*phase.state_bounds(where)) for where in ("start", "end"))
         first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
         control = np.nan_to_num(middles(*phase.control_bounds()))
-        phases.append(line(np.nan_to_num(first), np.nan_to_num(last), control, T))
-    return tuple(phases)
+        phases.append(line(np.nan_to_num(first), np.nan_to_num(last), control, 1.0))
+    _, high = pair(problem.duration)
+    wanted = np.full(len(phases), high / len(phases))
+    if not np.isfinite(high):
+        wanted = np.nan_to_num(implied_durations(problem, phases), nan=1.0)
+    limits = np.array([pair(phase.duration) for phase in problem.phases])
+    durations = np.clip(wanted, *limits.T)
+    return tuple(
+        dataclasses.replace(path, edges=T * path.edges)
+        for path, T in zip(phases, durations.tolist(), strict=True)
+    )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -230,6 +230,16 @@ def evaluated(function: Any, states: Array, controls: Array, p: Array) -> Array:
     return values.T.reshape(*shape, len(values))
 
 
+def running_cost(phase: Phase, x: Array, u: Array, p: Array) -> Array:
+    """The running cost at states (..., nx) and controls (..., nu)."""
+    cost = np.zeros(x.shape[:-1])
+    if phase.cost is not None:
+        cost = cost + evaluated(phase.cost, x, u, p)[..., 0]
+    if phase.powers is not None:
+        cost = cost + np.maximum(evaluated(phase.powers, x, u, p), phase.floor).sum(axis=-1)
+    return np.asarray(cost)
+
+
 def middle(problem: Problem) -> Array:
     """Static parameters in the middle of their bounds, shape (np,).
 

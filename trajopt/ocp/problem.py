@@ -168,7 +168,7 @@ class Phase:
     bounds: Bounds = dataclasses.field(default_factory=dict)
     start: Bounds = dataclasses.field(default_factory=dict)
     end: Bounds = dataclasses.field(default_factory=dict)
-    duration: float | tuple[float, float] = (1e-3, math.inf)
+    duration: float | tuple[float, float] = (0.0, math.inf)
 
     def __post_init__(self) -> None:
         where = f"phase {self.name!r}"
@@ -184,7 +184,7 @@ class Phase:
             require_bounds(f"{where}: {table}", getattr(self, table), known)
         self._require_ends_within(where)
         low, high = pair(self.duration, f"{where}: duration")
-        if not 0.0 < low <= high or math.isinf(low):
+        if not 0.0 <= low <= high or high == 0.0 or math.isinf(low):
             raise InfeasibleBoundsError(
                 f"{where}: duration = {self.duration} s: must be positive, lower bound first"
             )

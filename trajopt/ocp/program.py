@@ -11,7 +11,7 @@ This is two to three times faster, to build and to solve, than differentiating t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -48,7 +48,8 @@ class Program:
     """A nonlinear program as `casadi.nlpsol` takes it.
 
     Attributes:
-        symbols: of the unknowns "x", no parameters "p", the cost "f" and the constraints "g".
+        symbols: of the unknowns "x", the parameters "p" (none but scales), the cost "f" and the
+            constraints "g".
         derivatives: functions of x, p and the multipliers of f and g, by name: "grad_f", "jac_g"
             and "hess_lag" (the upper triangle); options of `casadi.nlpsol`.
     """
@@ -83,12 +84,48 @@ def assembled(blocks: Sequence[Block], size: int, rows: int) -> Program:
         "jac_g": ([w, none], {"g": values, "jac_g_x": _matrix(J, (rows, size))}),
         "hess_lag": ([w, none, lam_f, lam_g], {"hess_gamma_x_x": _matrix(H, (size, size))}),
     }
+    return Program({"x": w, "p": none, "f": f, "g": values}, _functions(oracles))
+
+
+def scaled(program: Program) -> Program:
+    """The program in other units, which are its parameters "p".
+
+    These are the scales of the unknowns, of the constraints and of the cost, one after the other:
+    the new numbers are the old ones over their scales.
+    """
+    old, given = program.symbols, program.derivatives
+    size, rows = old["x"].numel(), old["g"].numel()
+    x, p = ca.MX.sym("x", size), ca.MX.sym("p", size + rows + 1)
+    of_x, of_g, of_f = ca.vertsplit(p, [0, size, size + rows, size + rows + 1])
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
+    w = of_x * x
+    f, gradient = given["grad_f"](w, old["p"])
+    g, jacobian = given["jac_g"](w, old["p"])
+    hessian = given["hess_lag"](w, old["p"], lam_f / of_f, lam_g / of_g)
+    oracles: dict[str, tuple[list[ca.MX], dict[str, ca.MX]]] = {
+        "grad_f": ([x, p], {"f": f / of_f, "grad_f_x": of_x * gradient / of_f}),
+        "jac_g": ([x, p], {"g": g / of_g, "jac_g_x": _weighted(jacobian, 1 / of_g, of_x)}),
+        "hess_lag": ([x, p, lam_f, lam_g], {"hess_gamma_x_x": _weighted(hessian, of_x, of_x)}),
+    }
+    f, g = ca.graph_substitute([old["f"], old["g"]], [old["x"]], [w])
+    return Program({"x": x, "p": p, "f": f / of_f, "g": g / of_g}, _functions(oracles))
+
+
+def _weighted(matrix: ca.MX, rows: ca.MX, columns: ca.MX) -> ca.MX:
+    """The matrix with its rows and columns multiplied by weights."""
+    i, j = matrix.sparsity().get_triplet()
+    return ca.MX(matrix.sparsity(), matrix.nz[:] * rows[i] * columns[j])
+
+
+def _functions(
+    oracles: Mapping[str, tuple[list[ca.MX], dict[str, ca.MX]]],
+) -> dict[str, ca.Function]:
+    """The functions that `casadi.nlpsol` takes as options, by name."""
     names = ["x", "p", "lam_f", "lam_g"]
-    functions = {
+    return {
         name: ca.Function(name, inputs, list(out.values()), names[: len(inputs)], list(out))
         for name, (inputs, out) in oracles.items()
     }
-    return Program({"x": w, "p": none, "f": f, "g": values}, functions)
 
 
 def _picked(w: ca.MX, where: Indices) -> ca.MX:

@@ -23,6 +23,7 @@ from trajopt.ocp.layout import evaluated
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.ranking import least_first
+from trajopt.ocp.scaling import PhaseScales
 from trajopt.ocp.schemes import SCHEMES, full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 
@@ -51,12 +52,12 @@ COARSE = 1e-3
 DECAY = 0.5
 
 #: Legendre coefficients below this, relative to the range over the phase, are noise. So are powers
-#: and distances of controls from their bounds, relative to 1 + their largest magnitude over the
-#: phase.
+#: and distances of controls from their bounds, relative to their scale + their largest magnitude
+#: over the phase.
 NEGLIGIBLE = 1e-7
 
-#: The least range, relative to 1 + the largest magnitude over the phase. Without it, the range of
-#: a constant would be rounding.
+#: The least range, relative to the scale + the largest magnitude over the phase. Without it, the
+#: range of a constant would be rounding.
 CONSTANT = 1e-3
 
 #: If the neighbours' controls, continued into an element, differ by less than this fraction of the
@@ -76,8 +77,8 @@ class Tolerances:
 
     Attributes:
         states: largest relative error of the states within an element.
-        cost: largest error of the cost within an element, relative to 1 + |cost|.
-        limits: largest violation of bounds and path constraints between the nodes.
+        cost: largest error of the cost within an element, relative to its scale + |cost|.
+        limits: largest relative violation of bounds and path constraints between the nodes.
         hamiltonian: largest relative change of the Hamiltonian over an element.
     """
 
@@ -92,7 +93,9 @@ def refined(
     problem: Problem,
     phases: Sequence[PhaseTrajectory],
     p: Array,
+    scales: Sequence[PhaseScales],
     qualities: Sequence[Quality],
+    wanted: Sequence[Array],
     tolerances: Tolerances,
 ) -> Mesh:
     """A finer mesh where a tolerance is missed; the same mesh if none is, or caps forbid it.
@@ -109,8 +112,8 @@ def refined(
     misses = [_misses(*each, tolerances) for each in zip(qualities, limits, strict=True)]
     everywhere = [(i, e) for i, each in enumerate(misses) for e in range(len(each))]
     worst = set(least_first(everywhere, lambda at: -misses[at[0]][at[1]], WORSE)[:room])
-    for i, (phase, trajectory, quality) in enumerate(
-        zip(problem.phases, phases, qualities, strict=True)
+    for i, (phase, trajectory, units, quality) in enumerate(
+        zip(problem.phases, phases, scales, qualities, strict=True)
     ):
         edges, orders = [0.0], []
         for e, degree in enumerate(mesh.degrees[i]):
@@ -119,12 +122,15 @@ def refined(
                 quality.state_error[e] / tolerances.states, quality.cost_error[e] / tolerances.cost
             )
             wasteful = quality.cost_gap[e] > tolerances.cost
-            jumps, inside = breaks(trajectory, e) if wasteful else [], []
+            jumps, inside = breaks(trajectory, e, units) if wasteful else [], []
+            if wasteful and not jumps:
+                at = wanted[i][wanted[i][:, 0] == e, 1]
+                jumps = at[(at > AT_EDGE) & (at < 1 - AT_EDGE)].tolist()
             if jumps or max(excess, limits[i][e]) > 1.0:
                 digits = math.log10(np.clip(excess, 1.0, 1e99))
                 raised = degree + max(1, math.ceil(digits - CLEARLY))
-                switches = switch_points(phase, trajectory, e, p)
-                smooth = not fixed and is_smooth(trajectory, e) and not switches
+                switches = switch_points(phase, trajectory, e, p, units)
+                smooth = not fixed and is_smooth(trajectory, e, units) and not switches
                 if smooth and raised <= MAX_DEGREE and excess > max(1.0, limits[i][e]):
                     degree = raised
                 elif _longer(right - left, SHORTEST) and room > 0 and (i, e) in worst:
@@ -137,15 +143,16 @@ def refined(
     return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
 
 
-def certified(mesh: Mesh, hamiltonian: Sequence[Array], tolerance: float) -> Mesh:
+def certified(mesh: Mesh, hamiltonian: Sequence[Array], scales: Array, tolerance: float) -> Mesh:
     """Halve the elements over which the Hamiltonian changes: an optimal control switches in there.
 
     It is given at both ends of every element, (M, 2) per phase; the tolerance of its change is
-    relative to 1 + its median's magnitude.
+    relative to its scale (phases,) + its median's magnitude.
     """
     fractions, degrees = [], []
-    for edges, orders, values in zip(mesh.fractions, mesh.degrees, hamiltonian, strict=True):
-        drift = np.abs(values[:, 1] - values[:, 0]) / (1.0 + abs(np.median(values)))
+    each = zip(mesh.fractions, mesh.degrees, hamiltonian, scales, strict=True)
+    for edges, orders, values, scale in each:
+        drift = np.abs(values[:, 1] - values[:, 0]) / (scale + abs(np.median(values)))
         split = (drift > tolerance) & _longer(np.diff(edges), SHORTEST_CERTIFIED)
         middles = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))
         fractions.append(tuple(sorted([*edges, *middles[split].tolist()])))
@@ -175,7 +182,7 @@ def _limits(phase: Phase, quality: Quality, tolerance: float) -> Array:
 # -- jumps, kinks and switches within an element ------------------------------------------------
 
 
-def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
+def breaks(trajectory: PhaseTrajectory, element: int, scales: PhaseScales) -> list[float]:
     """The fraction of an element at which a control jumps or has a kink, if it does.
 
     The neighbours' controls are continued straight on into the element. (At an end of the phase,
@@ -194,7 +201,7 @@ def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
     i, j = (-1 if last < element else 0), (0 if first > element else -1)
     before, rise = u[last, i], h[element] / h[last] * (slope[i] @ u[last])
     after, fall = u[first, j], h[element] / h[first] * (slope[j] @ u[first])
-    ranges = _ranges(u)
+    ranges = _ranges(u, scales.controls)
     gap = np.array([after - fall - before, after - before - rise]) / ranges  # at its edges
     apart = np.abs(gap).max(axis=0)
     k = int(np.argmax(apart > (1 - WORSE) * apart.max()))
@@ -216,7 +223,9 @@ def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
     return [float(s)] if AT_EDGE < s < 1 - AT_EDGE else []
 
 
-def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Array) -> list[float]:
+def switch_points(
+    phase: Phase, trajectory: PhaseTrajectory, element: int, p: Array, scales: PhaseScales
+) -> list[float]:
     """Fractions of an element at which a power passes its floor, or a control meets its bound."""
     u = lagrange_matrix(trajectory.control_nodes, _SEARCHED) @ trajectory.controls[element]
     x = lagrange_matrix(trajectory.nodes, _SEARCHED) @ trajectory.states[element]
@@ -226,11 +235,11 @@ def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Ar
         at_nodes = basis @ trajectory.states, trajectory.controls
         everywhere = evaluated(phase.powers, *at_nodes, p)
         signals.append(evaluated(phase.powers, x, u, p) - phase.floor)
-        noise.append(NEGLIGIBLE * _scale(everywhere))
+        noise.append(NEGLIGIBLE * _scale(everywhere, scales.powers))
     lower, upper = phase.control_bounds()
-    near = 1e-3 * _ranges(trajectory.controls)
+    near = 1e-3 * _ranges(trajectory.controls, scales.controls)
     signals += [u - lower - near, upper - near - u]
-    noise += [NEGLIGIBLE * _scale(trajectory.controls)] * 2
+    noise += [NEGLIGIBLE * _scale(trajectory.controls, scales.controls)] * 2
     switches: set[float] = set()
     for values, least in zip(np.concatenate(signals, axis=1).T, np.concatenate(noise), strict=True):
         for s in _passes(values, least) if np.isfinite(values).all() else []:
@@ -239,22 +248,23 @@ def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Ar
     return sorted(switches)
 
 
-def is_smooth(trajectory: PhaseTrajectory, element: int) -> bool:
+def is_smooth(trajectory: PhaseTrajectory, element: int, scales: PhaseScales) -> bool:
     """Whether the Legendre coefficients of an element's states and controls fall fast enough."""
     t = trajectory
-    return all(
-        _falls(*each, element) for each in ((t.nodes, t.states), (t.control_nodes, t.controls))
+    states, controls = _ranges(t.states, scales.states), _ranges(t.controls, scales.controls)
+    return _falls(t.nodes, t.states[element] / states) and _falls(
+        t.control_nodes, t.controls[element] / controls
     )
 
 
-def _scale(values: Array) -> Array:
-    """1 + the largest magnitude over a phase of values (M, n, m), shape (m,)."""
-    return np.asarray(1.0 + np.abs(values).max(axis=(0, 1)))
+def _scale(values: Array, units: Array) -> Array:
+    """The scale + the largest magnitude over a phase of values (M, n, m), shape (m,)."""
+    return np.asarray(units + np.abs(values).max(axis=(0, 1)))
 
 
-def _ranges(values: Array) -> Array:
+def _ranges(values: Array, units: Array) -> Array:
     """Ranges over a phase of values (M, n, m), shape (m,), none below `CONSTANT`."""
-    return np.maximum(np.ptp(values, axis=(0, 1)), CONSTANT * _scale(values))
+    return np.maximum(np.ptp(values, axis=(0, 1)), CONSTANT * _scale(values, units))
 
 
 def _passes(values: Array, noise: float) -> list[float]:
@@ -272,15 +282,15 @@ def _passes(values: Array, noise: float) -> list[float]:
     return places
 
 
-def _falls(nodes: Array, values: Array, element: int) -> bool:
-    """Whether the coefficients of the polynomials through values (M, n, m) fall fast enough.
+def _falls(nodes: Array, values: Array) -> bool:
+    """Whether the coefficients of the polynomials through values (n, m) fall fast enough.
 
-    Coefficients that are negligible for the phase count as zero.
+    The values are relative to their ranges over the phase; negligible ones count as zero.
     """
     n = len(nodes)
     if n < 4 or not values.shape[-1]:
         return True
     basis = np.polynomial.legendre.legvander(2 * nodes - 1, n - 1)
-    high = np.abs(np.linalg.solve(basis, values[element]) / _ranges(values)).max(axis=1)[2:]
+    high = np.abs(np.linalg.solve(basis, values)).max(axis=1)[2:]
     decay = np.polyfit(np.arange(len(high)), np.log(high + NEGLIGIBLE), 1)[0]
     return bool(np.exp(decay) < DECAY or high.max() < 10 * NEGLIGIBLE)

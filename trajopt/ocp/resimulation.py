@@ -3,6 +3,9 @@
 A solver's "success" does not say that the motion is accurate. Every phase is integrated from its
 own start; and the phases are integrated one after the other, from the start of the first one
 through the linkages. The cost is a quadrature along the way.
+
+Along an unstable motion errors grow, until a simulation shows no more than its own rounding. It is
+begun again from the solution wherever errors may have grown by `MOST_GROWTH`.
 """
 
 from __future__ import annotations
@@ -11,18 +14,25 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from rimless_gym.crossings import with_zeros
 from trajopt.ocp.arrays import Array
+from trajopt.ocp.layout import evaluated
 from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.scaling import PhaseScales, Scales, jacobian
+from trajopt.ocp.schemes import lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 
-#: Tolerances of the integrator.
+#: Tolerances of the integrator, the second relative to the scales.
 RTOL, ATOL = 1e-11, 1e-12
+
+#: By what errors may grow before a simulation is begun again.
+MOST_GROWTH = 1e3
 
 #: Evaluations of the flow after which the simulation of a phase is given up, some seconds' worth.
 EFFORT = 100_000
@@ -33,32 +43,41 @@ class Resimulation:
     """What a forward simulation of a solution gives.
 
     Attributes:
-        phase_errors: largest deviation from the solution's states, of each phase simulated from
-            its own start.
+        phase_errors: largest deviation from the solution's states, relative to their scales, of
+            each phase simulated from its own start.
         chain_error: the same with each phase simulated from where the one before ended, where
             a linkage leads from phase i to i + 1; without such linkages, the largest phase error.
         cost: integrals and endpoint cost along the phases, each simulated from its own start.
+        spans: how often the simulation of each phase was begun, the first time at its start.
+        growth: by how many orders of magnitude an error grows over each phase.
     """
 
     phase_errors: tuple[float, ...]
     chain_error: float
     cost: float
+    spans: tuple[int, ...]
+    growth: tuple[float, ...]
 
 
-def resimulate(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> Resimulation:
+def resimulate(
+    problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, scales: Scales
+) -> Resimulation:
     """Simulate a solution, phase by phase and as a chain."""
     errors, chain, cost, ends = [], [], 0.0, []
+    divisions = []
     following = {k.source: k for k in problem.linkages if k.target == k.source + 1}
     start = phases[0].start
     for i, (phase, trajectory) in enumerate(zip(problem.phases, phases, strict=True)):
-        error, end, integral = simulate_phase(phase, trajectory, trajectory.start, p)
+        divisions.append(_divided(phase, trajectory, p, scales.phases[i]))
+        units = scales.phases[i], scales.cost, divisions[-1][0]
+        error, end, integral = simulate_phase(phase, trajectory, trajectory.start, p, *units)
         errors.append(error)
         ends.append(end)
         cost += integral
         if np.array_equal(start, trajectory.start):
             chain.append(error)
         else:
-            error, end, _ = simulate_phase(phase, trajectory, start, p)
+            error, end, _ = simulate_phase(phase, trajectory, start, p, *units)
             chain.append(error)
         if i in following:
             link = following[i]
@@ -69,7 +88,66 @@ def resimulate(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) ->
         starts = np.concatenate([t.start for t in phases])
         durations = np.array([t.duration for t in phases])
         cost += float(problem.endpoint_cost(starts, np.concatenate(ends), durations, p))
-    return Resimulation(tuple(errors), max(chain), cost)
+    return Resimulation(
+        phase_errors=tuple(errors),
+        chain_error=max(chain),
+        cost=cost,
+        spans=tuple(1 + sum(piece.anew for piece in pieces) for pieces, _ in divisions),
+        growth=tuple(growth for _, growth in divisions),
+    )
+
+
+class Piece(NamedTuple):
+    """An element, or a part of one, that is simulated at once.
+
+    Attributes:
+        element: its index.
+        begin: when it begins (s).
+        end: when it ends (s).
+        anew: whether the simulation is begun again at its begin.
+    """
+
+    element: int
+    begin: float
+    end: float
+    anew: bool = False
+
+
+def _divided(
+    phase: Phase, trajectory: PhaseTrajectory, p: Array, scales: PhaseScales
+) -> tuple[list[Piece], float]:
+    """A phase in pieces, and by how many orders of magnitude an error grows over all of them.
+
+    The growth is that of the linearised motion, with each element's mean derivatives.
+    """
+    nx, h = len(phase.states), trajectory.element_durations
+    controls = lagrange_matrix(trajectory.control_nodes, trajectory.nodes) @ trajectory.controls
+    slopes = evaluated(jacobian(phase.flow), trajectory.states, controls, p)[..., : nx * nx]
+    mean = (
+        np.nan_to_num(slopes.mean(axis=1), posinf=0.0, neginf=0.0)
+        .reshape(-1, nx, nx)
+        .swapaxes(1, 2)
+    )
+    mean *= scales.states / scales.states[:, None]
+    pieces: list[Piece] = []
+    since, decades, most = np.eye(nx), 0.0, math.log10(MOST_GROWTH)
+    for e, A in enumerate(mean):
+        rate = np.linalg.eigvals(A).real.max()
+        parts = max(math.ceil(rate * h[e] / math.log(10) / most), 1)
+        step = expm(A * h[e] / parts)
+        edges = np.linspace(trajectory.edges[e], trajectory.edges[e + 1], parts + 1).tolist()
+        for begin, end in itertools.pairwise(edges):
+            anew = bool(np.linalg.norm(step @ since, 2) > MOST_GROWTH and pieces)
+            if anew:
+                decades += _decades(since)
+                since = np.eye(nx)
+            since = step @ since
+            pieces.append(Piece(e, begin, end, anew))
+    return pieces, decades + _decades(since)
+
+
+def _decades(matrix: Array) -> float:
+    return math.log10(max(np.linalg.norm(matrix, 2), np.finfo(float).tiny))
 
 
 class _TooStiffError(Exception):
@@ -77,24 +155,36 @@ class _TooStiffError(Exception):
 
 
 def simulate_phase(
-    phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
+    phase: Phase,
+    trajectory: PhaseTrajectory,
+    start: Array,
+    p: Array,
+    scales: PhaseScales,
+    cost_scale: float,
+    pieces: Sequence[Piece],
 ) -> tuple[float, Array, float]:
     """Simulate a phase from `start`: largest deviation from its states, the end, the cost."""
     y, error = np.append(start, 0.0), 0.0
-    for times, values in _simulated_elements(phase, trajectory, start, p):
+    atol = ATOL * np.r_[scales.states, cost_scale, np.full_like(scales.powers, cost_scale)]
+    for times, values in _simulated_pieces(phase, trajectory, start, p, atol, pieces):
         inside = trajectory.state(np.minimum(times, trajectory.duration))
-        error = max(error, float(np.abs(values[:, :-1] - inside).max()))
+        error = max(error, float((np.abs(values[:, :-1] - inside) / scales.states).max()))
         y = values[-1]
     return error, y[:-1], float(y[-1])
 
 
-def _simulated_elements(
-    phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
+def _simulated_pieces(
+    phase: Phase,
+    trajectory: PhaseTrajectory,
+    start: Array,
+    p: Array,
+    atol: Array,
+    pieces: Sequence[Piece],
 ) -> Iterator[tuple[Array, Array]]:
-    """For every element times (9,), and there the states and the cost so far (9, nx + 1).
+    """For every piece times (9,), and there the states and the cost so far (9, nx + 1).
 
     Where the integrator fails or takes more than `EFFORT` evaluations, these are infinite and the
-    element is the last.
+    piece is the last.
     """
     nx, effort, cost = len(phase.states), itertools.count(), 0.0
     surplus = _running_cost(phase, start, trajectory.controls[0, 0], p)[1]
@@ -102,8 +192,10 @@ def _simulated_elements(
     coefficients = np.linalg.solve(
         np.vander(trajectory.control_nodes), trajectory.controls
     )  # (M, m, nu)
-    for e, (begin, end) in enumerate(zip(trajectory.edges, trajectory.edges[1:], strict=False)):
-        control = _polynomial(coefficients[e], begin, end - begin)
+    for e, begin, end, anew in pieces:
+        control = _polynomial(coefficients[e], *trajectory.edges[e : e + 2])
+        if anew:
+            y = np.concatenate([trajectory.state(begin)[0], y[nx:]])
 
         def rates(t: float, y: Array, control: _Control = control) -> Array:
             if next(effort) > EFFORT:
@@ -114,7 +206,7 @@ def _simulated_elements(
 
         times = begin + (end - begin) * np.linspace(0.0, 1.0, 9)
         times[-1] = end
-        settings: dict[str, Any] = {"rtol": RTOL, "atol": ATOL, "dense_output": True}
+        settings: dict[str, Any] = {"rtol": RTOL, "atol": atol[: len(y)], "dense_output": True}
         try:
             run = solve_ivp(rates, (begin, end), y, "DOP853", **settings)
         except _TooStiffError:
@@ -142,7 +234,9 @@ def _simulated_elements(
 _Control: TypeAlias = Callable[[float], Array]
 
 
-def _polynomial(coefficients: Array, begin: float, h: float) -> _Control:
+def _polynomial(coefficients: Array, begin: float, end: float) -> _Control:
+    h = end - begin
+
     def control(t: float) -> Array:
         u = coefficients[0]
         for c in coefficients[1:]:

@@ -8,6 +8,7 @@ at any values that are large enough. `minimize` detects both.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,6 +25,7 @@ from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import clearly_smaller, no_larger
 from trajopt.ocp.refinement import Tolerances, certified, refined
 from trajopt.ocp.resimulation import resimulate
+from trajopt.ocp.scaling import Scales
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import DIVERGING, Result, Transcription, interruptible
 
@@ -43,11 +45,14 @@ WARM_ITERATIONS = 150
 #: Most refinements for the sake of the Hamiltonian.
 CERTIFYING_PASSES = 5
 
-#: By how much a guess is moved away from a possible saddle, relative to 1 + the largest value.
+#: By how much a guess is moved away from a possible saddle, relative to scale + largest value.
 NUDGE = 1e-2
 
-#: If a value exceeds `LARGE`, the problem is solved again with its tolerance multiplied by `FINER`;
-#: values that then grow by the factor `GROWN` have no limit.
+#: If a solution's scales differ from its guess's by more than this, it is solved again in its own.
+OTHER_SCALES = 30.0
+
+#: If a value exceeds `LARGE` of its scale, the problem is solved again, its tolerance multiplied
+#: by `FINER`; values that then grow by the factor `GROWN` have no limit.
 LARGE, FINER, GROWN = 1e4, 1e-4, 2.0
 
 #: Larger values, and costs below minus the second, occur only where the cost has no minimum.
@@ -114,11 +119,14 @@ def solve(
         transcription = Transcription(problem, mesh)
     runs = IpoptRuns(options)
     best = runs.first_success(transcription.for_problem(problem), guess, parameters, option_sets)
+    best = _in_own_scales(best, runs)
     best = _refine(best, tolerances, passes, runs)
     if passes and best.result.success:
         sharper = _certify(best, tolerances.hamiltonian, runs)
         best = within_limits(sharper, best, tolerances.limits, options)
     result = best.result
+    limits = audit(problem, result.phases, result.parameters, best.scales)
+    playable = result.status != DIVERGING and all(math.isfinite(v.amount) for v in limits)
     return Extremal(
         problem=problem,
         mesh=best.transcription.mesh,
@@ -131,10 +139,21 @@ def solve(
         status=result.status,
         attempts=tuple(runs.attempts),
         violations=result.violations,
-        audit=audit(problem, result.phases, result.parameters),
+        audit=limits,
         certificate=best.certificate,
-        resimulation=resimulate(problem, result.phases, result.parameters) if verify else None,
+        resimulation=resimulate(problem, result.phases, result.parameters, best.scales)
+        if verify and playable
+        else None,
     )
+
+
+def _in_own_scales(first: Candidate, runs: IpoptRuns) -> Candidate:
+    """The solution, solved again where the scales of its guess were far from its own."""
+    ratios = np.log10(first.scales.flat / first.result.scales.flat)
+    if not first.result.success or np.abs(ratios).max() < math.log10(OTHER_SCALES):
+        return first
+    again = runs.warm_start(first.transcription, first.result)
+    return again if again.result.success else first
 
 
 def _refine(first: Candidate, tolerances: Tolerances, passes: int, runs: IpoptRuns) -> Candidate:
@@ -146,7 +165,8 @@ def _refine(first: Candidate, tolerances: Tolerances, passes: int, runs: IpoptRu
             break
         problem, mesh = transcription.problem, transcription.mesh
         finer = refined(
-            mesh, problem, result.phases, result.parameters, current.qualities, tolerances
+            *(mesh, problem, result.phases, result.parameters),
+            *(current.scales.phases, current.qualities, current.certificate.switches, tolerances),
         )
         if finer == mesh:
             break
@@ -165,7 +185,8 @@ def _certify(first: Candidate, tolerance: float, runs: IpoptRuns) -> Candidate:
     best = current = first
     for _ in range(CERTIFYING_PASSES):
         transcription = current.transcription
-        mesh = certified(transcription.mesh, current.certificate.hamiltonian, tolerance)
+        certificate = current.certificate
+        mesh = certified(transcription.mesh, certificate.hamiltonian, certificate.scales, tolerance)
         if mesh == transcription.mesh:
             break
         current = runs.warm_start(Transcription(transcription.problem, mesh), current.result)
@@ -196,14 +217,18 @@ class IpoptRuns:
     ) -> Candidate:
         """Solve with one set of options after the other: the first success, or the best failure."""
         best: Result | None = None
+        diverging = 0
         for each in option_sets:
             tried = {**self.options, **each}
             result = minimize(transcription, guess, parameters=parameters, **tried)
             self._log(transcription, tried, result)
             if result.success:
                 return Candidate(transcription, result)
+            diverging += result.status == DIVERGING
             if best is None or clearly_smaller(_violation(result), _violation(best)):
                 best = result
+            if diverging == 2:  # no other options would find a minimum
+                break
         assert best is not None  # there is at least one set
         return Candidate(transcription, best)
 
@@ -223,7 +248,7 @@ class IpoptRuns:
 
 
 def _violation(result: Result) -> float:
-    return result.violations[0].amount if result.violations else 0.0
+    return result.violations[0].relative if result.violations else 0.0
 
 
 def minimize(
@@ -239,32 +264,31 @@ def minimize(
     """
     result = transcription.solve(guess, problem, parameters, **options)
     if result.success and result.may_be_saddle:
-        moved = _nudged(result.phases)
+        moved = _nudged(result.phases, result.scales)
         other = transcription.solve(moved, problem, result.parameters, **options)
-        if other.cost < result.cost - 1e-6 * (1.0 + abs(result.cost)):
+        if other.cost < result.cost - 1e-6 * (result.scales.cost + abs(result.cost)):
             result = other
-    if result.success and _largest(result) > LARGE:
+    if result.success and result.largest > LARGE:
         finer = options | {"tol": FINER * options.get("tol", 1e-8), "mu_init": 1e-8}
         again = transcription.solve(result.phases, problem, result.parameters, **finer)
-        if _largest(again) > GROWN * _largest(result):
+        units = result.scales.of_unknowns(transcription.layout)
+        if np.abs(again.unknowns / units).max() > GROWN * result.largest:
             result = dataclasses.replace(again, success=False, status=DIVERGING)
-    if not result.success and (_largest(result) > HUGE_VALUE or -result.cost > HUGE_COST):
+    if not result.success and (
+        result.largest > HUGE_VALUE or -result.cost > HUGE_COST * result.scales.cost
+    ):
         result = dataclasses.replace(result, status=DIVERGING)
     return result
 
 
-def _largest(result: Result) -> float:
-    return float(np.abs(result.unknowns).max())
-
-
-def _nudged(phases: Sequence[PhaseTrajectory]) -> list[PhaseTrajectory]:
+def _nudged(phases: Sequence[PhaseTrajectory], scales: Scales) -> list[PhaseTrajectory]:
     """The phases, moved at random in the same way every time."""
     rng, moved = np.random.default_rng(0), []
-    for phase in phases:
+    for phase, units in zip(phases, scales.phases, strict=True):
         changes = {}
         for name in ("states", "controls"):
             values = getattr(phase, name)
-            size = NUDGE * (1.0 + np.abs(values).max(initial=0.0))
+            size = NUDGE * (getattr(units, name) + np.abs(values).max(axis=(0, 1), initial=0.0))
             changes[name] = values + size * rng.normal(size=values.shape)
         moved.append(dataclasses.replace(phase, **changes))
     return moved
@@ -300,7 +324,8 @@ def _backed_off(candidate: Candidate, tolerance: float, options: Mapping[str, An
         excess = [quality.path_violation.max(axis=0) for quality in candidate.qualities]
         if max(e.max() for e in excess) < tolerance:
             break
-        margins = [m + SAFETY * e for m, e in zip(margins, excess, strict=True)]
+        units = [s.path if len(s.path) else np.ones(1) for s in candidate.scales.phases]
+        margins = [m + SAFETY * e * s for m, e, s in zip(margins, excess, units, strict=True)]
         warm = {"mu_init": WARM_BARRIERS[0], **options}
         result, tight = candidate.result, tightened(problem, margins)
         result = transcription.solve(result.phases, tight, result.parameters, **warm)

@@ -22,7 +22,8 @@ from trajopt.ocp.equations import Equations, Rows
 from trajopt.ocp.layout import pack, unpack
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
-from trajopt.ocp.program import assembled
+from trajopt.ocp.program import assembled, scaled
+from trajopt.ocp.scaling import Scales, scales_of
 from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: IPOPT's options where a caller sets no others.
@@ -62,8 +63,12 @@ class Result:
         may_be_saddle: whether it need not be a minimum: IPOPT never moved, or met negative
             curvature in its last step.
         violations: the most violated constraint of each kind, worst first, none below 1e-9.
+        scales: of the program: `cost`, `unknowns` and all else are in the problem's units, but
+            IPOPT worked on numbers relative to these.
+        largest: magnitude of an unknown, relative to its scale.
         unknowns: of the program.
         multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
+        bound_multipliers: of the bounds on the unknowns, likewise.
     """
 
     phases: tuple[PhaseTrajectory, ...]
@@ -74,8 +79,11 @@ class Result:
     iterations: int
     may_be_saddle: bool
     violations: tuple[Violation, ...]
+    scales: Scales = dataclasses.field(repr=False)
+    largest: float
     unknowns: Array = dataclasses.field(repr=False)
     multipliers: Array = dataclasses.field(repr=False)
+    bound_multipliers: Array = dataclasses.field(repr=False)
 
     @property
     def worst(self) -> str:
@@ -122,7 +130,9 @@ class Transcription:
     All bounds, offsets and floors are data of `solve`: one transcription serves all problems that
     differ in numbers alone.
 
-    `program` is what `equations` describe, assembled for IPOPT, with exact derivatives.
+    `program` is what `equations` describe, with exact derivatives. IPOPT gets it in the scales of
+    its guess (`trajopt.ocp.scaling`), so that its tolerances are relative; all else is in the
+    problem's units.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
@@ -136,6 +146,7 @@ class Transcription:
         self.equations = Equations(problem, mesh)
         self.layout = self.equations.layout
         self.program = assembled(self.equations.blocks, self.layout.size, self.equations.count)
+        self._scaled = scaled(self.program)
         self._solvers: dict[Any, ca.Function] = {}
 
     def for_problem(self, problem: Problem) -> Transcription:
@@ -149,13 +160,13 @@ class Transcription:
         return twin
 
     def solver(self, **options: Any) -> ca.Function:
-        """IPOPT on this program, with options over `IPOPT`."""
+        """IPOPT on the scaled program, with options over `IPOPT`."""
         key = repr(sorted(options.items()))
         if key not in self._solvers:
             settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
-            settings |= self.program.derivatives
+            settings |= self._scaled.derivatives
             try:
-                self._solvers[key] = ca.nlpsol("nlp", "ipopt", self.program.symbols, settings)
+                self._solvers[key] = ca.nlpsol("nlp", "ipopt", self._scaled.symbols, settings)
             except RuntimeError as error:
                 raise _options_error(options, str(error).splitlines()[-1]) from None
         return self._solvers[key]
@@ -176,27 +187,40 @@ class Transcription:
             raise ValueError("guess: its states, controls and parameters must all be finite")
         least, most = self.equations.bounds(problem)
         solver = self.solver(**options)
-        solution = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=most)
+        scales = scales_of(problem, guess, parameters)
+        of_x, of_g = scales.of_unknowns(self.layout), self.equations.scales(scales)
+        solution = solver(
+            x0=start / of_x,
+            p=np.r_[of_x, of_g, scales.cost],
+            lbx=lower / of_x,
+            ubx=upper / of_x,
+            lbg=least / of_g,
+            ubg=most / of_g,
+        )
         stats = solver.stats()
         if stats["return_status"] in INTERRUPTED:
             raise KeyboardInterrupt
         if stats["return_status"] == "Invalid_Option":
             raise _options_error(options, "linear_solver and others may need more libraries")
-        w = np.asarray(solution["x"]).ravel()
-        phases, values = unpack(self.layout, w), np.asarray(solution["g"]).ravel()
+        x = np.asarray(solution["x"]).ravel()
+        w = np.clip(of_x * x, lower, upper)
+        phases, values = unpack(self.layout, w), of_g * np.asarray(solution["g"]).ravel()
         excess = np.maximum(np.maximum(least - values, values - most), 0.0)
         excess = np.nan_to_num(excess, nan=np.inf)
         return Result(
             phases=phases,
             parameters=self.layout.split(w)[-1, "parameters", 0].ravel(),
-            cost=float(solution["f"]),
+            cost=scales.cost * float(solution["f"]),
             success=bool(stats["success"]),
             status=str(stats["return_status"]),
             iterations=int(stats["iter_count"]),
             may_be_saddle=stats["iter_count"] == 0 or _curved_down(stats),
-            violations=self.equations.violations(excess, phases, problem),
+            violations=self.equations.violations(excess, scales, phases, problem),
+            scales=scales,
+            largest=float(np.abs(x).max()),
             unknowns=w,
-            multipliers=np.asarray(solution["lam_g"]).ravel(),
+            multipliers=np.asarray(solution["lam_g"]).ravel() * scales.cost / of_g,
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel() * scales.cost / of_x,
         )
 
     def multipliers_of(self, result: Result) -> Iterator[tuple[Rows, Array]]:

@@ -258,7 +258,7 @@ def changed_machines(params: WheelParams) -> Iterator[tuple[str, float, WheelPar
             fields = {name: (1 + change) * getattr(params, name)}
             if name == "pendulum_length" and params.pendulum_reach is not None:
                 fields["pendulum_reach"] = (1 + change) * params.pendulum_reach
-            yield name, change, params.replace(**fields)
+            yield name, change, dataclasses.replace(params, **fields)
 
 
 def _share(

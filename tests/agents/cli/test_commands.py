@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from contextlib import suppress
@@ -9,6 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import imageio_ffmpeg
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -109,6 +111,50 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     assert list(report) == [f"{policy} at 0.45 m/s", f"{policy} at 0.55 m/s"]
     assert main([*arguments, "--seeds"]) == REFUSED
     assert "not summarised" in capsys.readouterr().err
+
+
+def test_a_commanded_speed_that_is_not_kept_is_named_and_the_walk_has_a_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = str(train(TrainingConfig("ppo", timesteps=0, speeds=(0.3, 0.6)), tmp_path).last)
+    brief = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
+    stands = evaluate(lambda states, seen: np.zeros(len(seen)), protocol=brief)
+    walks = dataclasses.replace(stands, walking_share=1.0, speed=0.52, cot=0.5)
+    monkeypatch.setattr("agents.evaluate.evaluate", lambda *what, **settings: walks)
+    arguments = ["evaluate", policy, "--commands", "0.35", "0.53"]
+    assert main(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    flags = [line for line in lines if "the command is not kept" in line]
+    assert flags == [f"{policy} at 0.35 m/s: walks at 0.520 m/s; the command is not kept"]
+    assert main([*arguments, "--json"]) == 0
+    for row in json.loads(capsys.readouterr().out)["policies"].values():
+        assert 7.0 < row["gap"] < row["over_least"] < 12.0
+        assert abs(row["return_share"]) < 0.1
+
+
+@pytest.mark.usefixtures("brief")
+def test_a_function_and_a_model_of_ones_own_have_rows_of_the_headline(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n\n\n"
+        "class Model:\n"
+        "    def predict(self, observation, deterministic=False):\n"
+        "        return np.full((len(observation), 1), 0.5 * deterministic), None\n\n\n"
+        "model, number = Model(), 3\n\n\n"
+        "def lean(observations):\n"
+        "    return np.full(len(observations), 0.5)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    names = ["mine:model", "mine:lean", "imitation"]
+    assert main(["evaluate", *names, "--no-gap", "--headline"]) == 0
+    head, _, *rows = (line.split(" | ") for line in capsys.readouterr().out.splitlines())
+    assert [row[0] for row in rows] == [f"| {name}" for name in names]
+    assert rows[0][1:] == rows[1][1:]
+    assert rows[2][head.index("prior used")] == "law's actions"
+    for name, message in (("mine:number", "of type int"), ("mine:nothing", "module:function")):
+        assert main(["evaluate", name]) == REFUSED
+        assert message in capsys.readouterr().err
 
 
 def test_datasets_that_are_missing_are_written_by_one_process(

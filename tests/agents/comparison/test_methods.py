@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from agents.comparison import methods as listed
 from agents.comparison.methods import (
-    LearnedMethod,
+    TRAININGS,
     ShippedMethod,
     front_policy,
-    learning_curve,
     methods,
     prior_policy,
 )
@@ -25,7 +23,7 @@ from agents.comparison.table import (
     gait_row,
     policy_row,
 )
-from agents.policy_files import load_policy
+from agents.policy_files import LAW_ACTIONS, PRETRAINED, load_policy
 from agents.rollout import draw_starts
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.equations import DOUBLE
@@ -89,7 +87,7 @@ def test_the_policy_for_the_front_walks_at_every_speed_of_the_study_and_at_two_b
     (method,) = front_policy(study)
     assert {study.on_tick(speed) for speed in study.speeds} < set(method.commands)
     assert len(method.commands) == len(study.speeds) + 2
-    rows = method.rows(setting, {"evaluations": [EVALUATION] * len(method.commands)})
+    rows = method.rows(setting, {"evaluations": [EVALUATION] * len(method.commands), "effort": {}})
     assert {row.title for row in rows} == {FRONT_POLICY}
     assert set(study.speeds) < {row.study_speed for row in rows}
     (other,) = front_policy(Study(further=()))
@@ -129,13 +127,22 @@ def test_what_is_attained_is_the_best_of_all_from_each_start_by_kind_of_start() 
     assert [row.return_share for row in rows] == pytest.approx(expected)
 
 
-def test_the_minutes_of_a_cloning_count_for_what_begins_from_it() -> None:
-    results: dict[str, dict[str, Any]] = {
-        "imitation": {"curve": [{"minutes": 1.5}]},
-        "fine_tuned": {"curve": [{"minutes": 0.0}, {"minutes": 0.5}]},
-    }
-    tuned = LearnedMethod("fine_tuned", "imitation/clone.zip", {}, after=("imitation",))
-    assert [each["minutes"] for each in learning_curve(tuned, results)] == [1.5, 2.0]
+def test_what_the_package_has_is_trained_only_where_the_study_asks_for_something_else() -> None:
+    trained = {each.name for each in TRAININGS}
+    usual = {method.name for method in methods(Study(scratch_timesteps=1, further=()))}
+    assert not usual & trained
+    for changes in ({"retrain": True}, {"seed": 1}, {"speed": 0.6}, {"changes": {"drag": 0.1}}):
+        assert {method.name for method in methods(Study(further=(), **changes))} > trained
+
+
+def test_a_shipped_policy_has_what_it_took_and_its_learning_curve(
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(setting, "evaluated", lambda policy: EVALUATION)
+    method = ShippedMethod(PRETRAINED["fine_tuned"], "fine-tuned by CMA-ES", curve=True)
+    (row,) = method.rows(setting, result := method.compute(setting))
+    assert (row.prior, row.intervals) == (LAW_ACTIONS, result["curve"][-1]["intervals"])
+    assert row.minutes == pytest.approx(result["curve"][-1]["minutes"])
 
 
 def test_rows_have_the_friction_demand_of_stance_and_touchdowns() -> None:

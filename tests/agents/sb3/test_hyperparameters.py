@@ -36,6 +36,9 @@ def test_a_learning_rate_falls_linearly_to_0_at_the_end():
     assert [rate(left) for left in (1.0, 0.5, 0.0, -0.01)] == [0.002, 0.001, 0.0, 0.0]
 
 
+HELD = "agents.sb3.wrappers.HeldActions"
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
@@ -46,6 +49,10 @@ def test_a_learning_rate_falls_linearly_to_0_at_the_end():
         ({"learning_rate": "cos_1"}, ValueError, "learning_rate = 'cos_1': write lin_"),
         ({"env_wrapper": ["gym.Other"]}, ValueError, r"env_wrapper: lists \['gym.Other'\]"),
         ({"vec_env_wrapper": ["agents.Other"]}, ValueError, "vec_env_wrapper: 'agents.Other'"),
+        ({"vec_env_wrapper": 3}, ValueError, "vec_env_wrapper: 3: give the path of a class"),
+        ({"vec_env_wrapper": {HELD: 3}}, ValueError, "or a mapping of it to its arguments"),
+        ({"vec_env_wrapper": {HELD: {"of": 3}}}, ValueError, "unexpected keyword argument 'of'"),
+        ({"vec_env_wrapper": "math.sqrt"}, ValueError, "is no VecEnvWrapper"),
     ],
 )
 def test_other_values_are_refused(changes, error, message):

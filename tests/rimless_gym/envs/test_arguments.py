@@ -162,6 +162,7 @@ def test_an_environment_names_value_limit_and_remedy(
     [
         ({"num_envs": 0}, ValueError, "num_envs = 0: must be an integer of at least 1"),
         ({"max_episode_steps": math.nan}, TypeError, "max_episode_steps = nan: must be an integer"),
+        ({"max_episode_steps": -2}, ValueError, "max_episode_steps = -2: must be an integer"),
         ({"params": [PROTOTYPE] * 3, "num_envs": 2}, ValueError, "params: 3 for 2 rows"),
     ],
 )
@@ -170,6 +171,10 @@ def test_a_vector_environment_names_value_limit_and_remedy(
 ) -> None:
     with pytest.raises(error, match=message):
         RimlessWheelVectorEnv(**arguments)
+
+
+def test_minus_one_is_no_limit_as_in_gym_make() -> None:
+    assert make(1, max_episode_steps=-1).max_episode_steps is None
 
 
 @pytest.mark.parametrize("make_one", [RimlessWheelSpeedEnv, RimlessWheelSpeedVectorEnv])
@@ -204,7 +209,8 @@ OPTIONS = [
     ({"state": np.zeros((2, 4))}, ValueError, "state: 2 for . rows, must be one per row"),
     (STATE | {"mode": "flying"}, ValueError, "mode = 'flying'"),
     (STATE | {"mode": ["single_stance"] * 2}, ValueError, "mode: 2 for . rows"),
-    ({"mode": "single_stance"}, ValueError, "goes with 'state'"),
+    ({"mode": "single_stance"}, ValueError, "give 'double_stance'.*single_stance.*with a 'state'"),
+    ({"mode": "double"}, ValueError, "'mode' = 'double': give 'double_stance'.*'single_stance'"),
     ({"params": [THESIS_PHYSICAL] * 2}, ValueError, "params: 2 for . rows"),
     ({"task": [Task()] * 2}, ValueError, "task: 2 for . rows"),
     ({"task": {"fall_penalty": -1.0}}, ValueError, "fall_penalty = -1.0: must be at least 0"),
@@ -228,6 +234,9 @@ def test_refused_options_and_seeds_are_named_and_change_nothing(n: int | None) -
     env.reset(seed=0)
     before = pickle.dumps(env.get_state())
     good = {"params": "PROTOTYPE", "task": {"distance_weight": 9.0}, "starts": {"whirling": 1.0}}
+    for nothing in (3, [], "mode"):
+        with pytest.raises(TypeError, match=r"options = .*: must be a dictionary of options"):
+            env.reset(options=nothing)
     for options, error, message in OPTIONS + (MASKS if n else []):
         kept = {} if "reset_mask" in options else good
         with pytest.raises(error, match=message):

@@ -103,16 +103,12 @@ def test_an_episode_that_exceeds_the_fastest_rate_ends_inside_the_observation_sp
 
 
 @pytest.mark.parametrize("limit", [1e3, 1e6])
-def test_absurd_voltages_end_the_episode_or_raise_but_never_give_nonsense(limit: float) -> None:
+def test_absurd_voltages_end_the_episode_but_never_give_nonsense(limit: float) -> None:
     env = RimlessWheelEnv(P.replace(voltage_limit=limit))
     rng = np.random.default_rng(0)
     env.reset(seed=0)
     for _ in range(300):
-        try:
-            observation, reward, ended, _, _ = env.step(rng.uniform(-1, 1, 1))
-        except RuntimeError:  # the motion diverged
-            env.reset()
-            continue
+        observation, reward, ended, _, _ = env.step(rng.uniform(-1, 1, 1))
         energy = env.measurements
         assert np.all(np.isfinite(observation))
         assert math.isfinite(reward)

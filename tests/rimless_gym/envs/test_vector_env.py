@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from rimless_gym import EPISODE_STEPS, THESIS_PHYSICAL, RimlessWheelVectorEnv
+from rimless_gym import EPISODE_STEPS, THESIS_PHYSICAL, Failure, RimlessWheelVectorEnv
 from tests.rimless_gym.envs.rows import DISABLED, NEXT, SAME, make, swinging
 
 EACH_MODE = pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED], ids=lambda mode: mode.value)
@@ -74,7 +74,7 @@ def test_without_autoreset_an_ended_row_must_be_reset_first() -> None:
 
 
 @EACH_MODE
-def test_a_motion_that_leaves_the_models_range_names_its_row_and_the_others_go_on(
+def test_a_motion_that_cannot_be_followed_ends_its_episode_and_the_other_rows_go_on(
     mode: AutoresetMode,
 ) -> None:
     forward_only = THESIS_PHYSICAL.replace(impact_law="thesis")
@@ -82,8 +82,11 @@ def test_a_motion_that_leaves_the_models_range_names_its_row_and_the_others_go_o
     backward = {"state": [THESIS_PHYSICAL.constants.a + 0.001, 0.0, -1.0, 0.0]}
     envs.reset(seed=0, options=backward)
     still = np.zeros((3, 1), np.float32)
-    with pytest.raises(RuntimeError, match="row 1: the motion left the model's range"):
-        envs.step(still)
+    _, _, terminated, _, info = envs.step(still)
+    assert terminated.tolist() == [False, True, False]
+    final = info["final_info"] if mode is SAME else info
+    assert final["failure"][1] == Failure.BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW
+    assert final["reward_end"][1] < 0
     others = envs.states[[0, 2]]
     assert np.array_equal(others[0], others[1])
     assert np.all(others[:, 5] == -1)  # they took their step back
@@ -91,9 +94,8 @@ def test_a_motion_that_leaves_the_models_range_names_its_row_and_the_others_go_o
         _, rewards, _, _, info = envs.step(still)
         assert info["elapsed"][1] == rewards[1] == 0
         assert np.all(info["elapsed"][[0, 2]] > 0)
-    else:
-        if mode is DISABLED:
-            with pytest.raises(RuntimeError, match="reset them first"):
-                envs.step(still)
-        envs.reset(options={"reset_mask": np.array([False, True, False])})
+    elif mode is DISABLED:
+        with pytest.raises(RuntimeError, match="reset them first"):
+            envs.step(still)
+        envs.reset(options={"reset_mask": terminated})
     assert np.all(envs.step(still)[-1]["elapsed"] > 0)

@@ -118,6 +118,53 @@ def test_many_intervals_balance_and_neither_chatter_nor_tunnel() -> None:
     assert worst <= 1e-9
 
 
+def test_one_long_interval_is_many_short_ones_where_the_motor_reverses() -> None:
+    # Dry friction stops psi' hard here, 40 ms after its acceleration was still small.
+    params = WheelParams(
+        wheel_mass=0.99,
+        wheel_inertia=0.00015,
+        leg_length=0.0574,
+        n_legs=12,
+        pendulum_mass=0.616,
+        pendulum_inertia=0.346,
+        pendulum_length=0.0167,
+        motor_constant=0.000231,
+        gear_ratio=3.89,
+        armature_resistance=1.0,
+        rotor_inertia=6.4e-9,
+        hub_damping=0.00018,
+        hub_friction=0.0236,
+        gear_loss=0.323,
+        friction_width=0.0105,
+        drag=0.0038,
+        gravity=8.29,
+        voltage_limit=0.94,
+    )
+    start = np.array([[1.5444, -0.7398, 0.6471, -0.8150, SINGLE, 0.0]])
+    ends = []
+    for intervals in (1, 2, 8, 32):
+        state = start.copy()
+        for _ in range(intervals):
+            out = advance(params, state, np.array([-0.94]), 0.08 / intervals)[0]
+            assert abs(Ledger.from_rows(out, params).residual) < 1e-9
+        ends.append(state[0, :4])
+    assert np.ptp(ends, axis=0).max() < 1e-8
+
+
+def test_a_foot_that_lifts_off_slowly_comes_down_later_not_at_once() -> None:
+    # Where a lift-off is located, rounding decides the sign of the leg's acceleration.
+    params, n = BUILDABLE.replace(gear_loss=0.3), 20_000
+    rng = np.random.default_rng(0)
+    states = np.zeros((n, STATE_SIZE))
+    states[:, 0], states[:, MODE] = params.constants.a, DOUBLE
+    states[:, 1] = 0.9886 + rng.normal(size=n) * 10 ** rng.uniform(-6, -2, n)
+    states[:, 3] = rng.normal(size=n) * 10 ** rng.uniform(-6, -2, n)
+    volts = 12 * (-0.295 + rng.normal(size=n) * 10 ** rng.uniform(-6, -2, n))
+    rows = advance(params, states, volts, 0.1)
+    assert not rows[:, ROW.failure].any()
+    assert rows[:, ROW.touchdowns].max() >= 2
+
+
 def dropped(rate: float) -> np.ndarray:
     """A wheel that comes down on its leading foot at a small rate, with the pendulum hanging."""
     return np.array([THESIS_PHYSICAL.constants.b - 1e-3, 0.05, rate, 0.1, SINGLE, 0.0])

@@ -12,6 +12,7 @@ import numpy as np
 
 from scripts.studies.textbook import PROBLEMS
 from trajopt import Extremal, Phase, PhaseTrajectory, Problem, solve
+from trajopt.ocp.scaling import PhaseScales
 from trajopt.ocp.schemes import radau_nodes
 
 FREE = math.inf
@@ -67,6 +68,15 @@ def sampled(
     return PhaseTrajectory(
         np.array(edges), nodes, np.stack([1 + u, 1 + u], axis=-1), nodes, u[..., None]
     )
+
+
+def ones(phase: Phase) -> PhaseScales:
+    """Scales of one: quantities are measured in their own units."""
+    rows = (c and c.names for c in phase.constraints)
+    sizes = map(len, (phase.states, phase.controls, *(names or () for names in rows)))
+    states, controls, *limits = map(np.ones, sizes)
+    powers = phase.powers.size1_out(0) if phase.powers else 0
+    return PhaseScales(states, controls, 1.0, np.ones(powers), *limits)
 
 
 def valley(**bounds: Any) -> Problem:

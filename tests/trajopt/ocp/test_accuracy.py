@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -11,12 +12,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from scripts.studies import textbook
-from tests.trajopt.ocp.problems import NONE, solve_once, solved
+from tests.trajopt.ocp.problems import NONE, ones, solve_once, solved
 from trajopt import Extremal, Linkage, Mesh, Phase, PhaseTrajectory, Problem, nonnegative, solve
 from trajopt.ocp import resimulation
 from trajopt.ocp.accuracy import assess, audit, cost_errors
 from trajopt.ocp.guesses import straight_lines
-from trajopt.ocp.resimulation import resimulate, simulate_phase
+from trajopt.ocp.resimulation import resimulate
+from trajopt.ocp.scaling import scales_of
 from trajopt.ocp.transcription import Transcription
 
 
@@ -61,7 +63,7 @@ def test_the_reported_error_of_an_element_is_the_true_one_within_a_factor(
     mesh = Mesh.uniform(problem, elements, degree, scheme)
     found = Transcription(problem, mesh).solve(straight_lines(problem), tol=1e-12)
     trajectory = found.phases[0]
-    quality = assess(problem.phases[0], trajectory, NONE)
+    quality = assess(problem.phases[0], trajectory, NONE, ones(problem.phases[0]))
     scale = 1 + np.abs(trajectory.states).max(axis=(0, 1))
     for e in range(elements):
         t = np.linspace(trajectory.edges[e], trajectory.edges[e + 1], 30)
@@ -85,7 +87,7 @@ def test_a_simulation_finds_the_exact_cost_of_a_power_that_passes_its_floor(floo
     """v' = u and u linear in time, one second long: u v is cubic, and so are all its pieces."""
     flow, power = (lambda x, u, p: (u[0],)), (lambda x, u, p: u[0] * x[0])
     phase = Phase("push", ("v",), flow, ("u",), powers=power, floor=floor)
-    (phase,) = Problem((phase,)).phases
+    problem = Problem((phase,))
     rng, nodes = np.random.default_rng(1), np.array([0.0, 0.5, 1.0])
     for _ in range(10):
         u = np.polynomial.Polynomial(rng.uniform([-2.0, 3.0], [-1.0, 5.0]))
@@ -99,24 +101,27 @@ def test_a_simulation_finds_the_exact_cost_of_a_power_that_passes_its_floor(floo
         inside = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
         pieces = np.diff(excess.integ()(np.array([0.0, *np.sort(inside), 1.0])))
         exact = pieces.sum() if math.isinf(floor) else floor + pieces[pieces > 0].sum()
-        error, _, paid = simulate_phase(phase, trajectory, trajectory.start, NONE)
-        assert error < 1e-12
-        assert paid == pytest.approx(exact, abs=1e-13)
+        scales = scales_of(problem, [trajectory])
+        simulated = resimulate(problem, [trajectory], NONE, scales)
+        assert simulated.chain_error < 1e-12
+        assert simulated.cost == pytest.approx(exact, abs=1e-13)
 
 
 def test_the_error_of_the_cost_is_what_its_quadrature_misses() -> None:
     problem = textbook.least_effort_move()
     transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
     result = transcription.solve(straight_lines(problem))
-    _, _, paid = simulate_phase(problem.phases[0], result.phases[0], result.phases[0].start, NONE)
-    errors = cost_errors(transcription, result)[0]
-    assert errors.sum() * (1 + result.cost) == pytest.approx(result.cost - paid, rel=1e-9)
+    scales = result.scales
+    paid = resimulate(problem, result.phases, NONE, scales).cost
+    errors = cost_errors(transcription, result, scales)[0]
+    assert errors.sum() * (scales.cost + result.cost) == pytest.approx(result.cost - paid, rel=1e-9)
 
 
 def test_the_quadrature_of_bounded_integrals_is_checked_too() -> None:
     problem = textbook.hanging_chain()
     transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
-    coarse = cost_errors(transcription, transcription.solve(straight_lines(problem)))[0]
+    result = transcription.solve(straight_lines(problem))
+    coarse = cost_errors(transcription, result, result.scales)[0]
     assert coarse.max() > 1e-3
 
 
@@ -126,9 +131,10 @@ def test_a_perturbed_solution_is_detected() -> None:
     wrong = PhaseTrajectory(
         right.edges, right.nodes, right.states, right.control_nodes, right.controls + 1e-3
     )
-    assert assess(problem.phases[0], right, NONE).state_error.max() < 1e-7
-    assert assess(problem.phases[0], wrong, NONE).state_error.max() > 1e-6
-    assert max(resimulate(problem, [wrong], NONE).phase_errors) > 1e-4
+    scales = solved("cart pole").scales
+    assert assess(problem.phases[0], right, NONE, scales.phases[0]).state_error.max() < 1e-7
+    assert assess(problem.phases[0], wrong, NONE, scales.phases[0]).state_error.max() > 1e-6
+    assert max(resimulate(problem, [wrong], NONE, scales).phase_errors) > 1e-4
 
 
 def test_violations_between_the_nodes_are_detected_even_close_to_an_edge() -> None:
@@ -141,7 +147,7 @@ def test_violations_between_the_nodes_are_detected_even_close_to_an_edge() -> No
     )
     phase = Phase("one", ("x",), lambda x, u, p: (x,), bounds={"x": (-math.inf, 0.0)})
     problem = Problem((phase,))
-    worst = audit(problem, [trajectory], NONE)[0]
+    worst = audit(problem, [trajectory], NONE, scales_of(problem, [trajectory]))[0]
     assert worst.amount > 0.4 * 0.00125
     assert worst.time < 0.005
     assert "bound of x of phase 'one' at t = 0.004" in str(worst)
@@ -154,7 +160,8 @@ def test_path_constraints_are_audited_by_name() -> None:
     states = np.stack([exact(t, np.array([2.0, 0.0]))[:-1], exact(t, np.array([2.0, 0.0]))[1:]], 1)
     ends = np.array([0.0, 1.0])
     trajectory = PhaseTrajectory(t, ends, states, ends, np.zeros((39, 2, 0)))
-    names = {violation.name: violation for violation in audit(problem, [trajectory], NONE)}
+    violations = audit(problem, [trajectory], NONE, scales_of(problem, [trajectory]))
+    names = {violation.name: violation for violation in violations}
     assert names["below one"].amount == pytest.approx(1.0, abs=1e-3)
     assert names["not back"].amount > 1.0
 
@@ -163,7 +170,7 @@ def test_the_step_error_is_that_of_an_adaptive_integrator() -> None:
     problem = textbook.cart_pole()
     found = solve(problem, passes=0, verify=False)
     trajectory, phase = found.phases[0], problem.phases[0]
-    quality = assess(phase, trajectory, NONE)
+    quality = assess(phase, trajectory, NONE, ones(phase))
     scale = 1 + np.abs(trajectory.states).max(axis=(0, 1))
     for e in (0, 4, 9):
         begin, end = trajectory.edges[e : e + 2]
@@ -197,6 +204,30 @@ def test_a_simulation_gives_up_on_what_an_explicit_integrator_cannot_follow(
     assert not found.converged
     assert found.resimulation is not None
     assert found.resimulation.chain_error == math.inf
+
+
+@pytest.mark.parametrize("duration", [40.0, 100.0])
+def test_an_unstable_motion_is_simulated_in_spans_over_which_errors_grow_little(
+    duration: float,
+) -> None:
+    found = solve(textbook.unstable(duration))
+    assert found.converged, found.report()
+    assert found.cost == pytest.approx(textbook.HELD, rel=1e-8)
+    assert found.resimulation is not None
+    assert found.resimulation.growth[0] == pytest.approx(duration / math.log(10), rel=1e-6)
+    assert found.resimulation.spans[0] >= found.resimulation.growth[0] / 3
+    assert "errors grow by 1e" in found.report()
+
+
+def test_a_simulation_that_leaves_its_solution_has_no_say_in_the_cost() -> None:
+    problem = textbook.unstable()
+    good = solve(problem, passes=2)
+    (path,) = good.phases
+    wrong = dataclasses.replace(path, controls=path.controls + 0.5)
+    scales = scales_of(problem, [wrong])
+    astray = dataclasses.replace(good, resimulation=resimulate(problem, [wrong], NONE, scales))
+    assert not astray.converged
+    assert astray.cost == good.transcribed_cost
 
 
 # -- costates and Hamiltonian -------------------------------------------------------------------
@@ -298,3 +329,41 @@ def test_costates_are_passed_on_through_a_linkage_by_its_transposed_jacobian() -
     x = found.phases[0].end
     jacobian = np.array([[1.0, 0.1], [math.cos(x[0]), -0.5]])
     assert before == pytest.approx(jacobian.T @ after, rel=1e-7)
+
+
+# -- what a control costs too much ----------------------------------------------------------------
+
+
+KNOWN = {
+    "bang-bang": (textbook.fastest_move(2.0, 0.5), textbook.fastest_move_time(2.0, 0.5)),
+    "bang-off-bang": (textbook.least_work_move(), textbook.least_work()),
+    "singular": (textbook.coasting(), textbook.COASTING),
+    "smooth": (textbook.hanging_chain(), textbook.hanging_chain_energy()),
+}
+
+
+@pytest.mark.parametrize("elements", [5, 7])
+@pytest.mark.parametrize("kind", KNOWN)
+def test_what_a_control_costs_too_much_is_known_within_a_factor_of_ten(
+    kind: str, elements: int
+) -> None:
+    """Or to 1e-6: once all bounds are met exactly, the multipliers are no longer unique."""
+    problem, known = KNOWN[kind]
+    for settings in ({"passes": 0}, {}):
+        found = solve(problem, mesh=Mesh.uniform(problem, elements), **settings)
+        excess = found.cost - known
+        assert excess / 10 < found.certificate.suboptimality < 10 * excess + 1e-6 * abs(known)
+
+
+def test_the_estimate_is_no_less_than_what_a_constraint_on_the_state_costs() -> None:
+    known = textbook.bryson_denham_cost(0.05)
+    found = solve(textbook.bryson_denham(0.05))
+    assert found.converged
+    assert abs(found.cost - known) < 2 * found.certificate.suboptimality < 1e-5 * known
+
+
+def test_a_free_flying_robots_many_switches_are_resolved() -> None:
+    found = solved("free flying robot")
+    assert found.converged, found.report()
+    excess = found.cost - textbook.FLOWN
+    assert excess / 10 < found.certificate.suboptimality < 10 * excess

@@ -20,7 +20,9 @@ from trajopt import (
     Mesh,
     Phase,
     Problem,
+    equal,
     load_phases,
+    nonnegative,
     solve,
 )
 
@@ -34,15 +36,31 @@ def test_states_are_read_by_time() -> None:
         t = landing * (1 + rounding)
         assert ball.state(t, "left") == pytest.approx(ball.phases[1].end, abs=1e-9)
         assert ball.state(t, "right") == pytest.approx(ball.phases[2].start, abs=1e-9)
-    for t in (-0.1, ball.duration + 0.1, math.nan):
+    for t in (-0.1, ball.duration + 0.1, math.nan, [0.1, -0.1]):
         with pytest.raises(ValueError, match=r"must be (from 0 to|finite)"):
             ball.state(t)
+
+
+def test_many_times_are_read_at_once() -> None:
+    ball = solved("bouncing ball")
+    t = np.array([ball.duration, 0.0, 0.3 * ball.duration, 0.9 * ball.duration])
+    assert np.array_equal(ball.state(t), np.stack([ball.state(each) for each in t]))
+    assert ball.control(t).shape == (4, 0)
 
 
 def test_a_report_says_what_there_is_to_know() -> None:
     report = solved("gear").report()
     for word in ("converged", "cost", "0.48", "radau, 10 elements", "ratio = 5", "Hamiltonian"):
         assert word in report
+
+
+def test_a_plot_has_every_state_and_control_beside_its_costate_or_switching_function() -> None:
+    figure = solved("fastest move").plot()
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["x", "costate of x", "v", "costate of v", "force", "dH/dforce"]
+    force, switching = (axes.lines[0].get_ydata() for axes in figure.axes[-2:])
+    known = ~np.isnan(force) & (np.abs(switching) > 1e-3)
+    assert np.array_equal(force[known] > 0.0, switching[known] < 0.0)  # full force, then full brake
 
 
 def test_solutions_survive_pickling() -> None:
@@ -113,9 +131,41 @@ def test_a_loaded_trajectory_is_a_guess_on_any_mesh(extremal: Extremal, path: Pa
     assert again.cost == pytest.approx(extremal.cost, rel=1e-6)
 
 
-def test_a_solution_of_a_problem_of_other_names_is_refused(path: Path) -> None:
-    with pytest.raises(ExtremalFileError, match="other names"):
-        Extremal.load(path, Problem((RELAY.phases[0],), parameters={"m": 1.0}))
+def changed(**changes: Any) -> Problem:
+    """The relay with changes of its second leg."""
+    first, second = RELAY.phases
+    return dataclasses.replace(RELAY, phases=(first, dataclasses.replace(second, **changes)))
+
+
+LINK = Linkage(0, 1, map=lambda x, p: ca.vertcat(x[0], 0.8 * x[1]))
+OTHERS = {
+    "names": Problem((RELAY.phases[0],), parameters={"m": 1.0}),
+    "an end": changed(end={"x": 1.1, "v": 0.0}),
+    "a duration": dataclasses.replace(RELAY, duration=1.6),
+    "a bound": changed(bounds={"v": (0.0, 6.0)}),
+    "a bounded parameter": dataclasses.replace(RELAY, parameters={"m": (0.5, 3.0)}),
+    "a boundary": dataclasses.replace(
+        RELAY, boundary=equal(lambda s, e, d, p: d[0] - d[1], [0.0], "halves")
+    ),
+    "an endpoint cost": dataclasses.replace(RELAY, endpoint_cost=lambda s, e, d, p: e[1][0]),
+    "a running cost": changed(cost=lambda x, u, p: 2 * u[0] ** 2 + 1.0 / p[0]),
+    "a flow": changed(flow=lambda x, u, p: [x[1], u[0] / p[0] - 0.01 * x[1]]),
+    "a path": changed(path=nonnegative(lambda x, u, p: 9.0 - u[0], "force")),
+    "a reset": dataclasses.replace(RELAY, linkages=(LINK,)),
+    "an offset": dataclasses.replace(
+        RELAY, linkages=(dataclasses.replace(RELAY.linkages[0], offset={"x": 0.1}),)
+    ),
+}
+
+
+@pytest.mark.parametrize("change", OTHERS)
+def test_a_solution_of_another_problem_is_refused(path: Path, change: str) -> None:
+    with pytest.raises(ExtremalFileError, match=r"another problem .* other (names|bounds)"):
+        Extremal.load(path, OTHERS[change])
+
+
+def test_the_same_problem_traced_anew_is_accepted(path: Path) -> None:
+    assert Extremal.load(path, relay()).converged
 
 
 def rewritten(path: Path, change: dict[str, Any], **closed: Any) -> None:

@@ -134,7 +134,7 @@ def drift(cost: Any, **changes: Any) -> Problem:
 @pytest.mark.parametrize(
     "problem",
     [
-        pytest.param(drift(lambda x, u, p: u), marks=pytest.mark.slow),
+        drift(lambda x, u, p: u),
         drift(lambda x, u, p: -(u**2)),
         drift(lambda x, u, p: -ca.exp(x)),
         pytest.param(drift(lambda x, u, p: -ca.log(1 + (x - 1) ** 2)), marks=pytest.mark.slow),
@@ -151,6 +151,22 @@ def test_a_cost_without_a_minimum_is_no_success(
     found = solve_once(problem)
     assert not found.converged
     assert "no minimum" in found.outcome
+
+
+def test_a_function_that_is_not_finite_is_named_with_its_time() -> None:
+    phase = Phase(
+        "rise",
+        states=("x",),
+        controls=("u",),
+        flow=lambda x, u, p: 1 / x[0] + u[0],
+        cost=lambda x, u, p: u[0] ** 2,
+        start={"x": 0.0},
+        end={"x": 2.0},
+        duration=1.0,
+    )
+    found = solve(Problem((phase,)), passes=0)
+    assert "flow of x of phase 'rise' at t = 0 s is not finite" in found.outcome
+    assert math.isfinite(found.cost)
 
 
 def test_a_guess_on_a_saddle_leads_away_from_it() -> None:

@@ -17,7 +17,12 @@ from trajopt import Mesh, solve
 
 #: Errors of the cost, relative to the closed form, where they exceed 1e-7; they are larger
 #: where the solution has kinks or a constraint on the state, which holds to 1e-6.
-LOOSER = {"least work move": 3e-6, "bryson denham": 3e-6}
+LOOSER = {
+    "least work move": 3e-6,
+    "bryson denham": 3e-6,
+    "free flying robot": 1e-5,
+    "coasting": 3e-7,
+}
 
 
 @pytest.mark.parametrize("example", PROBLEMS, ids=lambda e: e.name)
