@@ -18,6 +18,7 @@ import pytest
 
 from agents import train
 from agents.evaluate import evaluate, evaluate_commanded
+from agents.gaps import gap_to_optimum
 from rimless_gym.checks import MissingExtraError
 from trajopt import cot_front, multi_start, periodic_gait
 from trajopt.pool import BACKEND, KilledError, announce, cores, progress_bar, run
@@ -118,7 +119,8 @@ def test_progress_appears_on_a_terminal_but_not_of_tasks_side_by_side() -> None:
 
 
 @pytest.mark.parametrize(
-    "function", [periodic_gait, cot_front, multi_start, evaluate, evaluate_commanded, train]
+    "function",
+    [periodic_gait, cot_front, multi_start, evaluate, evaluate_commanded, train, gap_to_optimum],
 )
 def test_what_takes_long_shows_its_progress_by_default(function: Callable[..., object]) -> None:
     assert inspect.signature(function).parameters["progress"].default is True
