@@ -7,6 +7,7 @@ VENV := $(if $(filter python3,$(PYTHON)),.venv,.venv-$(notdir $(PYTHON)))
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
+DEVELOPERS := $(VENV)/.installed-developers
 PEERS := $(VENV)/.installed-peers
 # Of tests: which ones. Reordered by number of tests, files with one long test would come last.
 TESTS ?= tests
@@ -22,7 +23,7 @@ STUDY := $(BIN)/python -m scripts.studies
 	bench codesign feedback figures front returns study textbook thesis
 
 help:
-	@echo "make install     the virtual environment $(VENV), tested versions of everything"
+	@echo "make install     the virtual environment $(VENV), to walk, solve and train"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
 	@echo "make page        one HTML file to pass on, into runs/page.html: the front, a wheel to drive"
 	@echo "make test        lint, types and the fast tests (some minutes); TESTS=tests/agents some of them"
@@ -47,11 +48,16 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@echo "[1/3] virtual environment $(VENV) with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv $(VENV)
 	@echo "[2/3] dependencies at the tested versions (about 2 GB, a few minutes the first time)"
-	@$(PIP) install -c constraints.txt -e ".[test,video]"
+	@$(PIP) install -c constraints.txt -e ".[learn,video]"
 	@echo "[3/3] ready: . $(BIN)/activate"
 	@touch $@
 
-$(PEERS): $(INSTALLED)
+$(DEVELOPERS): $(INSTALLED)
+	@echo "what tests, documents and studies need, into $(VENV)"
+	@$(PIP) install -c constraints.txt -e ".[test,video]"
+	@touch $@
+
+$(PEERS): $(DEVELOPERS)
 	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib, skrl, CleanRL) into $(VENV)"
 	@$(PIP) install -c constraints.txt -e ".[test,peers]"
 	@$(PIP) install -c constraints.txt --no-deps --ignore-requires-python cleanrl
@@ -63,13 +69,13 @@ compare: $(INSTALLED)
 page: $(INSTALLED)
 	$(BIN)/rimless page --out runs/page.html
 
-lint: $(INSTALLED)
+lint: $(DEVELOPERS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache --no-logo
 	$(BIN)/mypy rimless_gym trajopt agents scripts
 
-format: $(INSTALLED)
+format: $(DEVELOPERS)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
@@ -78,10 +84,10 @@ test: lint
 	$(BIN)/rimless warmup
 	$(PYTEST) -m "not slow and not peers" $(TESTS)
 
-test-slow: $(INSTALLED)
+test-slow: $(DEVELOPERS)
 	$(PYTEST) -m "slow and not peers" $(TESTS)
 
-test-cpus: $(INSTALLED)
+test-cpus: $(DEVELOPERS)
 	$(STUDY) processors $(CPUS) --pytest="-n $(WORKERS) --dist loadfile $(TESTS)"
 
 peers: $(PEERS)
@@ -89,27 +95,27 @@ peers: $(PEERS)
 test-peers: peers
 	$(PYTEST) -m peers $(TESTS)
 
-fuzz: $(INSTALLED)
+fuzz: $(DEVELOPERS)
 	$(BIN)/python -m pytest tests/rimless_gym/test_fuzz.py --hypothesis-profile fuzz $(ARGS)
 
-docs: $(INSTALLED)
+docs: $(DEVELOPERS)
 	$(BIN)/python -m sphinx --fail-on-warning --quiet docs runs/site
 	@echo "open runs/site/index.html"
 
-study: $(INSTALLED)
+study: $(DEVELOPERS)
 	$(STUDY) learning --docs docs/learning.md --headline README.md $(ARGS)
 
-front: $(INSTALLED)
+front: $(DEVELOPERS)
 	$(STUDY) front --preset $(PRESET) $(ARGS)
 	$(STUDY) strides --preset $(PRESET) $(ARGS)
 
-feedback: $(INSTALLED)
+feedback: $(DEVELOPERS)
 	$(STUDY) feedback --docs docs/feedback.md $(ARGS)
 
-bench: $(INSTALLED)
+bench: $(DEVELOPERS)
 	$(STUDY) benchmark --out docs $(ARGS)
 
-codesign figures returns textbook thesis: $(INSTALLED)
+codesign figures returns textbook thesis: $(DEVELOPERS)
 	$(STUDY) $@ $(ARGS)
 
 clean:

@@ -172,7 +172,7 @@ def walks_of(name: str, config: DatasetConfig) -> DatasetWalks:
     """Episodes from the environment's own starts; episode i is reset with `seed + i`."""
 
     def gait_for(params: WheelParams) -> Solution:
-        return periodic_gait(params, config.speed, hold=CONTROL_PERIOD, progress=True)
+        return periodic_gait(params, config.speed, hold=CONTROL_PERIOD)
 
     named = named_policy(name, gait_for, config.params, seed=config.seed)
     steps = named.conditions.control.episode_steps
@@ -194,7 +194,7 @@ def optimal_walks(
     Raises:
         NoGaitError: no gait was found.
     """
-    front = cot_front(params, speeds, [1], hold=CONTROL_PERIOD, folder=folder, progress=True)
+    front = cot_front(params, speeds, [1], hold=CONTROL_PERIOD, folder=folder)
     conditions = Conditions(params)
     walked = [
         episode

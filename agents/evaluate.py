@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.outcomes import (
@@ -43,6 +42,7 @@ from rimless_gym.kernel.stepping import STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback.law import Floats
+from trajopt.pool import progress_bar
 from trajopt.store import jsonable
 
 
@@ -176,7 +176,7 @@ def evaluate(
     starts: Floats | None = None,
     command: float | Floats | None = None,
     control_period: float | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> Evaluation:
     """Let a policy walk in the vector environment, and measure it.
 
@@ -191,7 +191,7 @@ def evaluate(
         command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`, one or one for each
             start; None: the policy walks in `RimlessWheel-v0`. See also `evaluate_commanded`.
         control_period: how long an action is held (s), default: that of the environment.
-        progress: whether to show a progress bar.
+        progress: whether to show a progress bar on a terminal.
 
     Raises:
         TypeError: an argument is of the wrong kind.
@@ -225,7 +225,7 @@ def evaluate(
     log = TouchdownLog(len(starts))
     late_steps, returns = np.zeros(len(starts)), np.zeros(len(starts))
     fallen, penalties = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
-    bar = tqdm(walks, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
+    bar = progress_bar("evaluate", progress, iterable=walks, total=n_intervals, leave=False)
     for index, interval in enumerate(bar):
         fallen[interval.running] = interval.info["failure"] != OK
         penalties[interval.running] = interval.info["reward_end"]
@@ -295,7 +295,7 @@ def evaluate_commanded(
     *,
     task: Task | Mapping[str, float] | None = None,
     control_period: float | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> tuple[Evaluation, ...]:
     """Evaluate a policy at each of some speeds that `RimlessWheelSpeed-v0` commands.
 

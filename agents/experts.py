@@ -10,13 +10,11 @@ acts. A network that imitates the schedule fills in the speeds between its laws.
 from __future__ import annotations
 
 import dataclasses
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
@@ -31,6 +29,7 @@ from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.held_stride import held_speeds
+from trajopt.pool import announce, progress_bar
 
 #: What is imitated by default: a feedback law, and the gait that it holds.
 EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.62, 1
@@ -46,7 +45,7 @@ def expert_policy(
     expert: Controller | str,
     conditions: Conditions,
     cache: Path | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> Policy:
     """The policy to imitate.
 
@@ -56,7 +55,7 @@ def expert_policy(
             policy's file.
         conditions: of the training.
         cache: folder of gaits and plans that other trainings use too.
-        progress: whether to show progress bars.
+        progress: whether to show progress on a terminal.
 
     Raises:
         CheckpointError: it is neither, or the policy is for another wheel or control.
@@ -67,7 +66,7 @@ def expert_policy(
     if expert not in laws.names():
         return seeing_policy(params, fitting_policy(expert, conditions).act)
     if progress:
-        tqdm.write(f"designing {expert} and its start-up controller (up to a minute)", sys.stderr)
+        announce(f"designing {expert} and its start-up controller (up to a minute)")
     if conditions.commanded:
         return gain_schedule(expert, conditions, cache, progress)
     gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=progress)
@@ -141,7 +140,7 @@ def gain_schedule(
     name: str,
     conditions: Conditions,
     cache: Path | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> GainSchedule:
     """Feedback laws about the most efficient held gaits of all speeds that may be commanded.
 
@@ -157,7 +156,7 @@ def gain_schedule(
     speeds = held_speeds(params, *conditions.control.speeds, period)
     front = cot_front(params, speeds, [EXPERT_STEPS], hold=period, folder=cache, progress=progress)
     scheduled = []
-    for gait in tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False):
+    for gait in progress_bar("laws", progress, iterable=front.envelope, unit="law", leave=False):
         law = laws.holding(name, gait)
         policy = controller_policy(params, laws.design(law, gait, cache))
         scheduled.append(ScheduledLaw(gait.speed, policy, law.data.orbit))

@@ -28,7 +28,7 @@ FIRST_CHANGE = 8
 
 
 def gap_to_optimum(
-    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = False
+    params: WheelParams, cot: float, speed: float, folder: Path, progress: bool = True
 ) -> float | None:
     """The gap at the walk's own speed (m/s), with gaits solved now; None without a walk or a gait.
 
@@ -85,7 +85,7 @@ def best_at_any_speed(
     params: WheelParams,
     near: float | None,
     folder: Path,
-    progress: bool = False,
+    progress: bool = True,
     steps: Sequence[int] = FRONT_STEPS,
 ) -> Solution | None:
     """The held gait with the least CoT, by a pattern search over the length of a step.
@@ -125,7 +125,7 @@ def best_held(
     params: WheelParams,
     ticks: int,
     folder: Path,
-    progress: bool = False,
+    progress: bool = True,
     steps: Sequence[int] = FRONT_STEPS,
 ) -> Solution | None:
     """The best gait whose steps last so many control intervals; None if there is none.

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.rollout import Act, Policy, Rollout, draw_starts, learned_policy
 from rimless_gym.checks import as_instance, extra, integer, positive, real
 from trajopt.feedback.law import Floats
+from trajopt.pool import progress_bar
 
 with extra("learn"):
     import torch
@@ -106,7 +106,7 @@ class CloneReport:
     errors: tuple[float, ...]
 
 
-def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneReport:
+def clone(actor: Actor, teaching: Teaching, progress: bool = True) -> CloneReport:
     """Train an actor to act as an expert does, in place; the model's critic stays as it is."""
     config = teaching.config
     rng = np.random.default_rng((teaching.seed, 1))
@@ -115,7 +115,7 @@ def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneRepo
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, total)
     walks: list[LabelledWalks] = []
     errors: list[float] = []
-    with tqdm(total=total, desc="clone", disable=not progress, leave=False) as bar:
+    with progress_bar("clone", progress, total=total, leave=False) as bar:
         for k in range(config.rounds):
             if k == 0:
                 walks.append(teaching.first_round())

@@ -8,8 +8,10 @@ on, with `imitate` it can begin from a clone.
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import math
 import pkgutil
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -21,6 +23,7 @@ from agents.conditions import Conditions
 from agents.rollout import Act, Policy
 from rimless_gym.checks import extra
 from rimless_gym.envs.task import Task
+from trajopt.pool import announce
 
 if TYPE_CHECKING:
     from agents.imitation import CloneReport, Cloning
@@ -59,6 +62,8 @@ def learner_class(name: str) -> type[Learner]:
     if name not in LEARNERS:
         raise ValueError(f"algo = {name!r}: choose from {sorted(LEARNERS)}")
     with extra("learn"):
+        if "torch" not in sys.modules and importlib.util.find_spec("torch"):
+            announce("loading PyTorch (some seconds, longer the first time)")
         learner: type[Learner] = pkgutil.resolve_name(LEARNERS[name])
     return learner
 

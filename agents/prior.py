@@ -145,7 +145,7 @@ class Prior:
 
 
 def law_prior(
-    conditions: Conditions, task: Task, cache: Path | None = None, progress: bool = False
+    conditions: Conditions, task: Task, cache: Path | None = None, progress: bool = True
 ) -> Prior:
     """The prior that the usual feedback law is, on the nominal machine without disturbances.
 
@@ -156,7 +156,7 @@ def law_prior(
         conditions: machine and control period; no speed is commanded.
         task: whose rewards the law collects.
         cache: folder of start-up controllers that other trainings use too.
-        progress: whether to show progress bars.
+        progress: whether to show progress on a terminal.
 
     Raises:
         ValueError: the law falls from most starts.
@@ -302,6 +302,10 @@ class PotentialShaping(WithPrior):
     the law's own walks is about the average one of its gait, however long its start-up takes.
     """
 
+    def __init__(self, env: VectorEnv[Any, Any, Any], prior: Prior) -> None:
+        super().__init__(env, prior)
+        self._states, self._values = np.empty((0, STATE_SIZE)), np.empty(0)
+
     def step(self, actions: Any) -> Stepped:
         """What the environment returns, with other rewards.
 
@@ -309,13 +313,19 @@ class PotentialShaping(WithPrior):
             ValueError: the potential is not finite.
         """
         native, prior = self.native, self.prior
-        before = prior.at(observe(prior.params, native.states))
+        if np.array_equal(native.states, self._states):  # no episode began since the last step
+            before = self._values
+        else:
+            before = prior.at(observe(prior.params, native.states))
         seen, rewards, terminated, truncated, info = self.env.step(actions)
-        reached = observe(prior.params, native.states)  # without sensor noise, as before
+        self._states = native.states
+        reached = observe(prior.params, self._states)  # without sensor noise, as before
         if "_final_obs" in info:
             ended = info["_final_obs"]
             reached[ended] = np.stack(info["final_obs"][ended])
-        after = np.where(terminated, prior.fallen, prior.at(reached))
+            self._states[ended] = np.nan
+        self._values = prior.at(reached)
+        after = np.where(terminated, prior.fallen, self._values)
         return seen, rewards + (after - before), terminated, truncated, info
 
 

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
@@ -28,6 +27,7 @@ from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats, require_machine
+from trajopt.pool import progress_bar
 
 #: Titles of feedback laws that are not simply their names with spaces.
 LAW_TITLES = {"input_output": "input-output", "lqr": "LQR", "pid": "PD"}
@@ -357,9 +357,8 @@ def episodes(
     observations, info = envs.reset(seed=seed, options=options)
     running, lengths = np.ones(envs.num_envs, dtype=bool), np.zeros(envs.num_envs, dtype=int)
     seen, noted, steps = [observations], [[info[name] for name in keep]], []
-    with tqdm(
-        total=envs.max_episode_steps, desc=progress, disable=not progress, leave=False
-    ) as bar:
+    length = envs.max_episode_steps
+    with progress_bar(progress or "", bool(progress), total=length, leave=False) as bar:
         while running.any():
             rows = running.nonzero()[0]
             actions = np.zeros((envs.num_envs, 1), dtype=np.float32)

@@ -17,7 +17,6 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
@@ -34,6 +33,7 @@ from agents.learner import (
     SCRATCH,
     Learner,
     LearnerSettings,
+    PolicyParts,
     Training,
     learner_class,
 )
@@ -57,6 +57,7 @@ from rimless_gym.envs.task import Task
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
+from trajopt.pool import progress_bar
 from trajopt.store import Store, jsonable, write_bytes
 
 with extra("learn"):
@@ -246,7 +247,7 @@ def train(
         config: what to train.
         out: folder; new, or that of the same training.
         cache: folder of the experts' gaits and start-up controllers, which other trainings use too.
-        progress: whether to show progress bars.
+        progress: whether to show progress on a terminal.
 
     Raises:
         ValueError: an argument is out of range, `out` holds another training, or its state is
@@ -257,16 +258,18 @@ def train(
         KeyboardInterrupt: the training was stopped.
     """
     out, training = Path(out), config.training()
+    store, resumes = Store(out, training.identity, IDENTITY), (out / STATE).exists()
+    store.check()
+    start = None if resumes or config.init in INITS else _start(config, training)
     if training.prior == LAW:
         prior = law_prior(training.conditions, training.task, cache, progress)
         training = dataclasses.replace(training, prior=prior)
-    resumes = (out / STATE).exists()
-    learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
+    learner = learner_class(training.algo)(training, start)
     try:
         expert = None
         if not resumes and config.init == IMITATION:
             expert = expert_policy(config.expert, training.conditions, cache, progress)
-        with Store(out, training.identity, IDENTITY):  # what is refused above claims no folder
+        with store:  # what is refused above claims no folder
             trainer = Trainer(config, training, learner, out, progress)
             try:
                 if expert is not None:
@@ -279,18 +282,15 @@ def train(
         learner.close()
 
 
-def _new_learner(config: TrainingConfig, training: Training) -> Learner:
-    """The learner with which a training begins."""
-    kind = learner_class(training.algo)
-    if config.init in INITS:
-        return kind(training)
+def _start(config: TrainingConfig, training: Training) -> PolicyParts:
+    """The policy in the file from which a training begins."""
     start = fitting_policy(config.init, training.conditions)
-    if not issubclass(kind, learner_class(start.algo)):
+    if not issubclass(learner_class(training.algo), learner_class(start.algo)):
         raise CheckpointError(
             f"{config.init}: a policy of {start.algo}, which cannot start {training.algo}; use one "
             f"of {training.algo}"
         )
-    return kind(training, start.parts)
+    return start.parts
 
 
 class Trainer:
@@ -328,13 +328,13 @@ class Trainer:
             self._restore()
         self.stopped = False
         self.log = Logger(str(out), [TensorBoardOutputFormat(str(out))])
-        self._bar = tqdm(
+        self._bar = progress_bar(
+            f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
+            progress,
             total=self._total,
             initial=min(learner.steps, self._total),
-            desc=f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
             unit="step",
             unit_scale=True,
-            disable=not progress,
         )
 
     def imitate(self, expert: Policy) -> None:
@@ -410,6 +410,7 @@ class Trainer:
             conditions.params,
             protocol,
             task=self._training.task,
+            progress=self._progress,
             ranges=conditions.ranges,
             disturbances=conditions.disturbances,
             command=None if speeds is None else np.linspace(*speeds, protocol.starts),

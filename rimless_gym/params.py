@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -25,6 +26,12 @@ POSITIVE = (
 )
 SIGNED = ("slope", "n_legs")  # neither need be at least 0 here: they have limits of their own
 
+#: Fields that follow from others where the pendulum's shape is known, which it is not here.
+FOLLOWING = {
+    "pendulum_inertia": ("pendulum_mass", "pendulum_length"),
+    "pendulum_reach": ("pendulum_length",),
+}
+
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
@@ -32,8 +39,7 @@ _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 class WheelParams:
     """Physical parameters of the actuated rimless wheel, in SI units and radians.
 
-    The fields' defaults are `THESIS_PHYSICAL`, the machine of Mihevc (2015), Table 4.6 and Table
-    4.2; the environment's default machine is `BUILDABLE`. No number may exceed 1e30 in size.
+    The fields' defaults are `BUILDABLE`, as everywhere. No number may exceed 1e30 in size.
     Numbers that must be greater than 0, and the sum of the masses, must be at least 1e-30.
 
     Args:
@@ -42,9 +48,10 @@ class WheelParams:
         leg_length: ``L1`` (m), > 0.
         n_legs: ``n``, an integer >= 3, at most a million.
         pendulum_mass: ``m2`` (kg), >= 0.
-        pendulum_inertia: ``I2`` about the pendulum's centre of mass (kg m^2), >= 0.
+        pendulum_inertia: ``I2`` about the pendulum's centre of mass (kg m^2), >= 0. It does not
+            follow the mass and the length; `replace` warns of it.
         pendulum_length: ``L2``, pivot to centre of mass (m), >= 0.
-        pendulum_reach: pivot to the pendulum's far end (m), >= ``L2``; by default ``2 L2``, a rod.
+        pendulum_reach: pivot to the pendulum's far end (m), >= ``L2``; None: ``2 L2``, a rod.
         motor_constant: ``Km`` (N m/A), >= 0; 0 is a wheel without a motor.
         gear_ratio: ``N``, > 0.
         armature_resistance: ``Rm`` (ohm), > 0.
@@ -72,29 +79,29 @@ class WheelParams:
         TypeError: a value is not a number.
     """
 
-    wheel_mass: float = 1.4
-    wheel_inertia: float = 0.092
-    leg_length: float = 0.375
-    n_legs: int = 5
-    pendulum_mass: float = 2.22
-    pendulum_inertia: float = 2.22 * 0.34**2 / 3
-    pendulum_length: float = 0.34
-    pendulum_reach: float | None = None
-    motor_constant: float = 0.0048
-    gear_ratio: float = 505.9
-    armature_resistance: float = 5.0
-    rotor_inertia: float = 0.0
+    wheel_mass: float = 1.39
+    wheel_inertia: float = 0.0246
+    leg_length: float = 0.3
+    n_legs: int = 7
+    pendulum_mass: float = 1.61
+    pendulum_inertia: float = 0.0014
+    pendulum_length: float = 0.142
+    pendulum_reach: float | None = 0.167
+    motor_constant: float = 0.0229
+    gear_ratio: float = 20.95
+    armature_resistance: float = 1.9
+    rotor_inertia: float = 9.6e-7
     hub_damping: float = 0.0
-    hub_friction: float = 0.0
-    gear_loss: float = 0.0
+    hub_friction: float = 0.0212
+    gear_loss: float = 0.07
     friction_width: float = 0.1
     drag: float = 0.0
     pendulum_drag: float = 0.0
-    idle_power: float = 0.0
+    idle_power: float = 0.5
     gravity: float = 9.81
     slope: float = 0.0
-    friction: float = 1.0
-    voltage_limit: float = 20.0
+    friction: float = 0.8
+    voltage_limit: float = 12.0
     motor_mount: str = "wheel"
     impact_law: str = "plastic"
 
@@ -189,6 +196,10 @@ class WheelParams:
     def replace(self, /, **changes: Any) -> WheelParams:
         """A copy with some fields changed, validated like a new one.
 
+        Warns:
+            UserWarning: the pendulum's mass or length changes, and its inertia or reach, which
+                follow from its shape, are not given.
+
         Raises:
             ValueError: a name is not a field, or a value is out of its range.
         """
@@ -196,7 +207,18 @@ class WheelParams:
         for name in changes:
             if name not in known:
                 raise ValueError(f"{name!r} is not a field of WheelParams: choose from {known}")
-        return dataclasses.replace(self, **changes)
+        changed = dataclasses.replace(self, **changes)
+        stale = [
+            f"{name} = {getattr(self, name):g}"
+            for name, follows in FOLLOWING.items()
+            if name not in changes
+            and getattr(self, name)
+            and any(getattr(self, each) != getattr(changed, each) for each in follows)
+        ]
+        if stale:
+            text = f"{' and '.join(stale)}: of the former pendulum; give what the new one has, too"
+            warnings.warn(text, stacklevel=2)
+        return changed
 
     def differences(self, other: WheelParams) -> dict[str, str]:
         """What differs from another machine, by field: "value (not the other's)"."""

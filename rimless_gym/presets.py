@@ -7,8 +7,33 @@ from typing import Any, TypeAlias
 
 from rimless_gym.params import WheelParams
 
-#: Thesis, Table 4.1 with the motor of Table 4.2.
-THESIS_NOMINAL = WheelParams(
+#: A machine that can be built from catalogue parts, the default; docs/machine.md has sources and
+#: budget.
+BUILDABLE = WheelParams()
+
+#: Thesis, Table 4.6, with the motor of Table 4.2, whose losses are the only ones.
+THESIS_PHYSICAL = WheelParams(
+    wheel_mass=1.4,
+    wheel_inertia=0.092,
+    leg_length=0.375,
+    n_legs=5,
+    pendulum_mass=2.22,
+    pendulum_inertia=2.22 * 0.34**2 / 3,
+    pendulum_length=0.34,
+    pendulum_reach=None,
+    motor_constant=0.0048,
+    gear_ratio=505.9,
+    armature_resistance=5.0,
+    rotor_inertia=0.0,
+    hub_friction=0.0,
+    gear_loss=0.0,
+    idle_power=0.0,
+    friction=1.0,
+    voltage_limit=20.0,
+)
+
+#: Thesis, Table 4.1 with the same motor.
+THESIS_NOMINAL = THESIS_PHYSICAL.replace(
     wheel_mass=1.0,
     wheel_inertia=1.0,
     leg_length=1.0,
@@ -17,34 +42,9 @@ THESIS_NOMINAL = WheelParams(
     pendulum_length=0.5,
 )
 
-#: Thesis, Table 4.6.
-THESIS_PHYSICAL = WheelParams()
-
 #: The machine as built: pendulum mass and length a quarter of Table 4.6's.
-PROTOTYPE = WheelParams(
+PROTOTYPE = THESIS_PHYSICAL.replace(
     pendulum_mass=0.555, pendulum_inertia=0.555 * 0.085**2 / 3, pendulum_length=0.085
-)
-
-#: A machine that can be built from catalogue parts, the environment's default; docs/machine.md has
-#: sources and budget.
-BUILDABLE = WheelParams(
-    wheel_mass=1.39,
-    wheel_inertia=0.0246,
-    leg_length=0.3,
-    n_legs=7,
-    pendulum_mass=1.61,
-    pendulum_inertia=0.0014,
-    pendulum_length=0.142,
-    pendulum_reach=0.167,
-    motor_constant=0.0229,
-    gear_ratio=20.95,
-    armature_resistance=1.9,
-    rotor_inertia=9.6e-7,
-    hub_friction=0.0212,
-    gear_loss=0.07,
-    idle_power=0.5,
-    friction=0.8,
-    voltage_limit=12.0,
 )
 
 PRESETS = {

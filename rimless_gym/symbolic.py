@@ -37,7 +37,8 @@ class Design:
 
     def machine(self, params: WheelParams, p: Any) -> WheelParams:
         """`params` with the values p (np,) of the design variables."""
-        return params.replace(**{name: float(value) for name, value in self.fields(p).items()})
+        values: dict[str, Any] = {name: float(value) for name, value in self.fields(p).items()}
+        return dataclasses.replace(params, **values)
 
 
 class HybridModel:

@@ -1,9 +1,13 @@
-"""Independent tasks side by side: in local processes, or on a Dask or Ray cluster, by joblib."""
+"""Independent tasks side by side: in local processes, or on a Dask or Ray cluster, by joblib.
+
+How far long work is appears on a terminal, unless it is a task of several.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -78,11 +82,23 @@ def run(
         results = ((task, function(task)) for task in tasks)
     else:
         results = _shared(function, tasks, workers, backend)
-    bar = tqdm(total=total, desc=progress, disable=None if progress else True, smoothing=0.1)
+    bar = progress_bar(progress, bool(progress), total=total, smoothing=0.1)
     with closing(results), bar:
         for each in results:
             bar.update()
             yield each
+
+
+def progress_bar(title: str, progress: bool = True, **settings: Any) -> tqdm[Any]:
+    """A progress bar with further settings of tqdm; only on a terminal, and not in workers."""
+    hidden = not progress or _share.get() is not None
+    return tqdm(desc=title, disable=True if hidden else None, **settings)
+
+
+def announce(text: str) -> None:
+    """Print a line to stderr before something that takes long; not in workers."""
+    if _share.get() is None:
+        tqdm.write(f"rimless_gym: {text}", sys.stderr)
 
 
 def cores() -> int:

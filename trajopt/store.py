@@ -76,7 +76,10 @@ class Store:
         self._lock = FileLock(self.folder / ".lock", timeout=0)
         try:
             self._lock.acquire()
-            self._claim()
+            self.check()
+            if self._inputs and not self._record.exists():
+                text = json.dumps({"inputs": self._inputs, **provenance()}, indent=1)
+                write_text(self._record, text + "\n")
         except Timeout:
             raise ValueError(
                 f"another process is working in {self.folder}: wait until it ends, or choose "
@@ -126,8 +129,8 @@ class Store:
         text = json.dumps(content | {DIGEST: _signature(content)}, indent=1)
         write_text(self._path(key, "json"), text + "\n")
 
-    def _claim(self) -> None:
-        """Record the inputs, or check that they are those of the folder."""
+    def check(self) -> None:
+        """Refuse a folder that holds results of other or unknown inputs with a ValueError."""
         inputs = json.loads(json.dumps(self._inputs))
         if not self._record.exists():
             if inputs and any(path.stem in self for path in self.folder.glob("*.json")):
@@ -135,9 +138,6 @@ class Store:
                     f"{self.folder} holds results but no {self._record.name}, so that their inputs "
                     "are unknown: choose another folder"
                 )
-            if inputs:
-                text = json.dumps({"inputs": inputs, **provenance()}, indent=1)
-                write_text(self._record, text + "\n")
             return
         try:
             known = dict(json.loads(self._record.read_bytes())["inputs"])

@@ -81,7 +81,7 @@ def evaluate(
             module:name of a function of observations (N, 6), or of a model with such a `predict`;
             `rimless list` names them
         gait: file of the gait that laws hold (.npz)
-        speed: of the gait that laws hold (m/s); by default 0.5
+        speed: of the gait that laws hold (m/s); by default 0.62
         steps: per stride, of the gait that laws hold; by default 1
         commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
             range that they were trained for
@@ -116,7 +116,7 @@ def evaluate(
 
         if gait is not None:
             return Solution.load(gait)
-        return periodic_gait(params, speed or 0.5, steps or 1, progress=True)
+        return periodic_gait(params, speed or 0.62, steps or 1, progress=True)
 
     named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:

@@ -31,7 +31,7 @@ def gait(
     *,
     preset: Preset = "BUILDABLE",
     params: Fields = None,
-    speed: Positive = 0.5,
+    speed: Positive = 0.62,
     steps: Count = 1,
     regeneration: Flag = False,
     hold: MaybePositive = None,
@@ -76,7 +76,6 @@ def gait(
         seed=seed,
         guess=None if guess is None else Solution.load(guess),
         workers=workers,
-        progress=True,
     )
     try:  # a full disk must not lose the report, nor a closed pipe the file
         if out is not None:

@@ -1,6 +1,6 @@
 """Options that commands share: how they are written, and which values they refuse.
 
-Each is a type for the signature of a command, `def gait(*, speed: Positive = 0.5) -> int`. What a
+Each is a type for the signature of a command, `def gait(*, speed: Positive = 0.62) -> int`. What a
 value depends on (a machine, a file) is checked when the command runs.
 """
 

@@ -163,9 +163,8 @@ def data(
         preset: machine; by default a policy's own, and BUILDABLE for the others
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
     """
-    from tqdm import tqdm
-
     from agents.datasets import CARD, DatasetConfig, missing, standard, write
+    from trajopt.pool import progress_bar
     from trajopt.store import Store
 
     require_folder(out)
@@ -174,7 +173,7 @@ def data(
     config = DatasetConfig(params_, episodes, seed, speed)
     with Store(out):
         todo = missing(out, names, config)
-        with tqdm(total=len(names), initial=len(names) - len(todo), desc="data") as bar:
+        with progress_bar("data", total=len(names), initial=len(names) - len(todo)) as bar:
             for name in todo:
                 bar.set_postfix_str(name)
                 id_, figures = write(out, name, config)
@@ -204,7 +203,7 @@ def _film(
 
     @lru_cache
     def gait_for(params: WheelParams) -> Solution:
-        return periodic_gait(params, speed, steps, hold=CONTROL_PERIOD, progress=True)
+        return periodic_gait(params, speed, steps, hold=CONTROL_PERIOD)
 
     gaits = {name: _held(gait) for name, gait in saved.items()}
     policies = {
@@ -248,10 +247,9 @@ def _held(gait: Solution) -> Solution:
 
 def _write(film: GroupFilm, out: Path | None) -> None:
     """Write the walks as an animated GIF or a video, or show them in a window."""
-    from tqdm import tqdm
-
     from agents.film import times
     from rimless_gym.rendering.display import Window, save_gif, save_mp4
+    from trajopt.pool import progress_bar
     from trajopt.store import write_bytes
 
     kind = out and out.suffix.lower()
@@ -264,7 +262,7 @@ def _write(film: GroupFilm, out: Path | None) -> None:
                 window.show(film.frame(time))
         window.close()
         return
-    frames = (film.frame(time) for time in tqdm(moments, desc=out.name, unit="picture"))
+    frames = (film.frame(time) for time in progress_bar(out.name, iterable=moments, unit="picture"))
     if kind == VIDEO:
         save_mp4(frames, out, fps)
         return

@@ -28,6 +28,7 @@ from rimless_gym.envs.layout import (
 )
 from rimless_gym.envs.starts import DRAWN, GIVEN, HANGING, USUAL_STARTS, Starts, normal_force
 from rimless_gym.envs.task import USUAL_TASK, Task
+from rimless_gym.equations import MODE_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, require_steppable
 from rimless_gym.params import WheelParams
@@ -228,8 +229,8 @@ def read_options(
         return changes, EpisodeStart(speeds=speeds)
     if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
         raise ValueError(
-            f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
-            "'double_stance'"
+            f"reset option 'mode' = {options['mode']!r}: give 'double_stance', which is at rest, "
+            f"or one of {MODE_NAMES} with a 'state'"
         )
     return changes, EpisodeStart(HANGING, speeds=speeds)
 

@@ -181,8 +181,10 @@ class Batch:
         """Row i's current machine, including the parameters drawn."""
         if not self.ranges.bounds:
             return self.params[i]
-        drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
-        return self.params[i].replace(**drawn)
+        drawn: dict[str, Any] = {
+            name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds
+        }
+        return dataclasses.replace(self.params[i], **drawn)
 
     def change(
         self,

@@ -154,10 +154,11 @@ class Ranges:
         """
         for params in dict.fromkeys(machines) if self.bounds else ():
             for end in (0, 1):
-                corner = {name: bounds[end] for name, bounds in self.bounds.items()}
-                require_steppable(params.replace(**corner))
+                corner: dict[str, Any] = {name: each[end] for name, each in self.bounds.items()}
+                require_steppable(dataclasses.replace(params, **corner))
                 for name, bounds in self.bounds.items():
-                    require_steppable(params.replace(**corner | {name: bounds[1 - end]}))
+                    other = corner | {name: bounds[1 - end]}
+                    require_steppable(dataclasses.replace(params, **other))
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:

@@ -146,7 +146,7 @@ def best_gait() -> Solution:
     speeds = [
         BUILDABLE.step_length / (n * CONTROL_PERIOD) for n in (math.floor(ticks), math.ceil(ticks))
     ]
-    front = cot_front(BUILDABLE, speeds, [best.steps], hold=CONTROL_PERIOD, progress=True)
+    front = cot_front(BUILDABLE, speeds, [best.steps], hold=CONTROL_PERIOD)
     return max(front.envelope, key=gait_return)
 
 

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from agents.cli.options import Count, Names, Positive, chosen
 from rimless_gym.params import WheelParams
+from rimless_gym.presets import THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
 from scripts.studies.documents.markdown import table
 from trajopt import Extremal, Linkage, Mesh, Phase, Problem, equal, nonnegative, solve
@@ -357,7 +358,7 @@ COMPASS = 0.200310900544287
 
 
 def _bare_wheel(legs: int, slope: float) -> WheelParams:
-    return WheelParams(
+    return THESIS_PHYSICAL.replace(
         n_legs=legs,
         slope=slope,
         wheel_inertia=0.0,

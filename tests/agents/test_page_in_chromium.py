@@ -109,10 +109,11 @@ def test_the_wheel_can_be_driven_by_keys_and_by_the_lever(tmp_path: Path) -> Non
         whole_page(),
         tmp_path,
         """
+        document.getElementById('rest').click();
         document.getElementById('start').click();
         const press = (type, key) => dispatchEvent(new KeyboardEvent(type, { key, bubbles: true }));
         drive.held.keys.add('ArrowRight');
-        const right = heldVoltage();
+        const right = heldVoltage() - coasting(drive.you.state, drive.you.p);
         press('keyup', 'ArrowRight');
         const free = heldVoltage();
         const lever = document.getElementById('lever');
@@ -132,13 +133,44 @@ def test_the_wheel_can_be_driven_by_keys_and_by_the_lever(tmp_path: Path) -> Non
           policy: drive.policy.overall, score: scoreText() });
         """,
     )
-    assert (found["right"], found["free"]) == (5, None)
+    assert (found["right"], found["free"]) == (3, None)
     assert found["pulled"] == pytest.approx(-6.0, abs=0.2)
     assert found["phase"] == "done"
     assert found["time"] == pytest.approx(30.0, abs=0.02)
     assert found["energy"] > 10.0
     assert "30 s" in found["score"]
     assert found["policy"]["distance"] > 15.0  # it walks from rest, in the page
+
+
+def test_the_first_level_rewards_the_first_metre_and_whoever_follows_the_hints(
+    tmp_path: Path,
+) -> None:
+    found = in_chromium(
+        whole_page(),
+        tmp_path,
+        """
+        const race = (hands) => {
+          start();
+          while (drive.phase === 'racing') {
+            drive.held.keys = new Set(hands());
+            followDrive(0.02);
+            drawDrive();
+          }
+          drive.held.keys.clear();
+          const message = document.getElementById('message').textContent;
+          return { distance: drive.you.distance, message };
+        };
+        const follow = () => {
+          const hint = document.querySelector('.lever .text').textContent;
+          if (hint.startsWith('let go')) return [];
+          return [hint.startsWith('now') ? 'ArrowRight' : 'ArrowLeft'];
+        };
+        report({ idle: race(() => []), follow: race(follow) });
+        """,
+    )
+    assert found["idle"]["distance"] > 1.0  # it walks on for some steps
+    assert "of the policy's way" in found["idle"]["message"]
+    assert found["follow"]["distance"] > 3.0
 
 
 def test_sliders_change_the_machine(tmp_path: Path) -> None:

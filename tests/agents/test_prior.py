@@ -8,7 +8,7 @@ import pytest
 
 from agents.conditions import Conditions
 from agents.learner import Training, learner_class
-from agents.policy_files import load_policy
+from agents.policy_files import CheckpointError, load_policy
 from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
 from agents.rollout import draw_starts
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
@@ -71,6 +71,16 @@ def test_a_share_of_the_episodes_begins_in_the_priors_states():
     assert abs(begun - SHARE) < 0.1
 
 
+def test_the_potential_is_evaluated_once_a_step_where_no_episode_begins():
+    calls = []
+    prior = dataclasses.replace(PRIOR, potential=lambda seen: calls.append(1) or seen[:, 2] * 1.0)
+    env = PotentialShaping(envs(), prior)
+    env.reset(seed=1)
+    for _ in range(20):
+        env.step(np.zeros((N, 1)))
+    assert len(calls) == 21
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -108,6 +118,15 @@ def test_what_is_no_prior_is_refused():
         config(prior="law", init="imitation").training()
     with pytest.raises(ValueError, match="leave out speeds"):
         config(prior="law", speeds=(0.5, 0.6)).training()
+
+
+def test_what_is_cheap_to_check_is_refused_before_the_law_walks(tmp_path, monkeypatch):
+    monkeypatch.setattr("agents.training.law_prior", lambda *_: pytest.fail("the law walks"))
+    with pytest.raises(CheckpointError, match="check the path"):
+        run(tmp_path / "a", prior="law", init="none.zip")
+    run(tmp_path / "b", timesteps=0)
+    with pytest.raises(ValueError, match="holds results of"):
+        run(tmp_path / "b", timesteps=0, seed=1, prior="law")
 
 
 def test_an_untrained_policy_lets_the_pendulum_swing_freely():

@@ -2,6 +2,7 @@
 
 import re
 
+import gymnasium
 import pytest
 
 from scripts.studies.documents.site import with_docstrings
@@ -45,3 +46,15 @@ def test_an_environments_docstring_is_its_page_below_the_pages_own_headings():
     assert text.startswith("## It\n\nAn actuated rimless wheel")
     assert "\n### Description\n" in text
     assert text.endswith("\n\nafter\n")
+
+
+def test_the_summary_of_the_environments_is_theirs():
+    rows = [line.split("|")[1:-1] for line in text_of(ROOT / "docs" / "wheel.md").splitlines()]
+    table = [[cell.strip(" `") for cell in row] for row in rows if len(row) == 3]
+    (_, *names), _, actions, observations, steps, episodes, thresholds, _ = table[:8]
+    for k, env in enumerate(map(gymnasium.make, names), start=1):
+        assert actions[k] == str(env.action_space)
+        assert observations[k].split()[0] == str(env.observation_space.shape[0])
+        assert steps[k] == f"{env.unwrapped.control.period:g} s"
+        assert episodes[k] == f"{env.spec.max_episode_steps} steps"
+        assert thresholds[k] == f"{env.spec.reward_threshold:g} m"

@@ -22,7 +22,7 @@ def between(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 machines = st.builds(
-    WheelParams,
+    THESIS_PHYSICAL.replace,
     wheel_mass=between(0.1, 3),
     wheel_inertia=between(0.0, 2),
     leg_length=between(0.2, 1.5),
@@ -199,7 +199,7 @@ def test_touchdown_relabels_the_leg_and_keeps_the_pendulums_angle(params):
 
 def test_a_wheel_without_pendulum_loses_the_textbook_share_of_its_rate():
     for n_legs, inertia in ((5, 0.0), (5, 0.3), (8, 0.1)):
-        wheel = WheelParams(
+        wheel = THESIS_PHYSICAL.replace(
             n_legs=n_legs, wheel_inertia=inertia, pendulum_length=0.0, pendulum_inertia=0.1
         )
         p, moment = wheel.constants, wheel.total_mass * wheel.leg_length**2

@@ -13,10 +13,9 @@ from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE
 from rimless_gym.export import JOINTS, TIMESTEP, joint_state, to_mjcf, to_urdf
 from rimless_gym.kernel.stepping import advance
-from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, PRESETS, THESIS_PHYSICAL
 
-BARE = WheelParams(
+BARE = THESIS_PHYSICAL.replace(
     n_legs=8, slope=0.08, wheel_inertia=0.0, pendulum_length=0.0, motor_constant=0.0, friction=5.0
 )
 LOSSY = THESIS_PHYSICAL.replace(
@@ -27,8 +26,8 @@ MACHINES = {
     "lossy": LOSSY,
     "frame mount": LOSSY.replace(motor_mount="frame"),
     "bare": BARE,
-    "massless wheel": WheelParams(wheel_mass=0.0),
-    "no motor": WheelParams(motor_constant=0.0, rotor_inertia=1e-7),
+    "massless wheel": THESIS_PHYSICAL.replace(wheel_mass=0.0),
+    "no motor": THESIS_PHYSICAL.replace(motor_constant=0.0, rotor_inertia=1e-7),
 }
 
 

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_presets_are_those_of_the_thesis():
     assert THESIS_PHYSICAL.pendulum_inertia == pytest.approx(2.22 * 0.34**2 / 3, rel=1e-15)
     assert PROTOTYPE.pendulum_mass == pytest.approx(THESIS_PHYSICAL.pendulum_mass / 4)
     assert PROTOTYPE.pendulum_length == pytest.approx(THESIS_PHYSICAL.pendulum_length / 4)
-    assert WheelParams() == THESIS_PHYSICAL
+    assert WheelParams() == BUILDABLE == as_params({})
     for machine in (THESIS_NOMINAL, THESIS_PHYSICAL, PROTOTYPE):
         assert (machine.n_legs, machine.voltage_limit, machine.friction) == (5, 20.0, 1.0)
         assert (machine.motor_mount, machine.impact_law) == ("wheel", "plastic")
@@ -104,6 +105,22 @@ def test_every_number_must_be_a_real_number_within_its_range() -> None:
 def test_errors_name_the_value_the_limit_and_the_remedy(change, message):
     with pytest.raises(ValueError, match=message):
         THESIS_PHYSICAL.replace(**change)
+
+
+@pytest.mark.parametrize(
+    ("change", "stale"),
+    [
+        ({"pendulum_mass": 1.8}, "pendulum_inertia = 0.0014: of"),
+        ({"pendulum_length": 0.1}, "pendulum_inertia = 0.0014 and pendulum_reach = 0.167: of"),
+        ({"pendulum_length": 0.1, "pendulum_inertia": 0.0014}, "pendulum_reach = 0.167: of"),
+    ],
+)
+def test_what_follows_from_a_pendulums_shape_is_not_left_behind_unnoticed(change, stale):
+    with pytest.warns(UserWarning, match=stale):
+        as_params(change)
+    with warnings.catch_warnings(action="error"):
+        as_params({"pendulum_inertia": 0.002, "pendulum_reach": 0.2} | change)
+        as_params({"n_legs": 8, "pendulum_mass": BUILDABLE.pendulum_mass})
 
 
 SIZES = st.sampled_from([0.0, 5e-324, 1e-200, 1e-30, 1e-12, 1.0, 1e12, 1e30])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Trajectory, WheelParams, hybrid, simulate
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Trajectory, hybrid, simulate
 from rimless_gym.crossings import first_crossing
 from rimless_gym.kernel.stepping import FOOT, advance
 
@@ -26,7 +26,7 @@ def test_a_passive_wheel_converges_to_the_textbook_cycle_at_its_floquet_multipli
     With an additional wheel inertia I, a = pi / n, eta = (I + m l^2 cos 2a) / (I + m l^2): a step
     multiplies the square of the rate by eta^2 and adds a constant.
     """
-    params = WheelParams(
+    params = THESIS_PHYSICAL.replace(
         n_legs=n_legs,
         slope=slope,
         wheel_inertia=inertia,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import io
 import os
 import signal
 import subprocess
@@ -14,8 +16,12 @@ from pathlib import Path
 import joblib
 import pytest
 
+from agents import train
+from agents.evaluate import evaluate, evaluate_commanded
+from agents.gaps import gap_to_optimum
 from rimless_gym.checks import MissingExtraError
-from trajopt.pool import BACKEND, KilledError, cores, run
+from trajopt import cot_front, multi_start, periodic_gait
+from trajopt.pool import BACKEND, KilledError, announce, cores, progress_bar, run
 
 ROOT = Path(__file__).parents[2]
 
@@ -86,6 +92,38 @@ def test_every_task_comes_with_its_result_and_workers_share_the_cores() -> None:
     assert {task: result[0] for task, result in results.items()} == {n: n**2 for n in range(5)}
     assert os.getpid() not in {pid for _, pid, _ in results.values()}
     assert {share for _, _, share in results.values()} == {max(1, cores() // 2)}
+
+
+class Terminal(io.StringIO):
+    """A terminal that keeps what is printed."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def shown(title: str) -> str:
+    """What of a bar and an announcement appears on a terminal."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stderr", terminal := Terminal())
+        announce("it takes long")
+        with progress_bar(title, total=2):
+            pass
+    return terminal.getvalue()
+
+
+def test_progress_appears_on_a_terminal_but_not_of_tasks_side_by_side() -> None:
+    assert "it takes long" in shown("gaits")
+    assert "gaits" in shown("gaits")
+    assert progress_bar("gaits").disable  # stderr is no terminal
+    assert [text for _, text in run(shown, ["a", "b"], workers=2)] == ["", ""]
+
+
+@pytest.mark.parametrize(
+    "function",
+    [periodic_gait, cot_front, multi_start, evaluate, evaluate_commanded, train, gap_to_optimum],
+)
+def test_what_takes_long_shows_its_progress_by_default(function: Callable[..., object]) -> None:
+    assert inspect.signature(function).parameters["progress"].default is True
 
 
 def test_one_worker_works_here_and_in_order() -> None:

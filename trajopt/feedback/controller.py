@@ -31,10 +31,17 @@ NEAR = 0.13
 
 @dataclasses.dataclass(frozen=True)
 class SwitchingController:
-    """A law in single stance near its gait, and a start-up controller of its machine elsewhere."""
+    """A law in single stance near its gait, and a start-up controller of its machine elsewhere.
+
+    Attributes:
+        law: near its gait.
+        startup: elsewhere.
+        near: distance from the gait up to which the law acts; > 0.
+    """
 
     law: Law
     startup: Controller
+    near: float = NEAR
 
     def __post_init__(self) -> None:
         require_machine("startup", self.startup, self.params)
@@ -47,7 +54,7 @@ class SwitchingController:
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
         states, modes = states_and_modes(x, mode)
-        far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > NEAR**2)
+        far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > self.near**2)
         volts = np.empty(len(states))
         for controller, these in ((self.law, ~far), (self.startup, far)):
             if these.any():

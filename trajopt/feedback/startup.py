@@ -29,11 +29,11 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
-from trajopt.feedback.controller import CONTACT_MARGIN
+from trajopt.feedback.controller import CONTACT_MARGIN, NEAR
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
 from trajopt.gaits.solution import Solution
-from trajopt.pool import cores
+from trajopt.pool import cores, progress_bar
 from trajopt.store import Store, key
 
 #: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
@@ -48,7 +48,11 @@ INSIDE = 1e-6
 #: How many voltages there are to choose from, and for how long one is held (s).
 VOLTAGES, HOLD = 9, 4 * CONTROL_PERIOD
 
-#: Travel is worth at least so much in costs of transport of the gait, or it would be best to rest.
+#: Fewest nodes of the grid from which a law acts. Within `NEAR` of a gait whose pendulum hardly
+#: moves lie a few at some speeds, and none at others.
+FEWEST = 10
+
+#: Of a gait with the highest return, distance is rewarded by at least so many costs of transport.
 LEAST_WORTH = 2.0
 
 #: A foot without any normal force costs as much as so much time (s); less in proportion up to
@@ -93,9 +97,25 @@ class Weights(NamedTuple):
 
 
 def lost_return(gait: Solution) -> Weights:
-    """The weights by which a start-up costs what it loses of the return on a gait."""
-    worth = max(USUAL_TASK.distance_weight, LEAST_WORTH * gait.cot)
+    """The weights by which a start-up costs what it loses of the return on a gait.
+
+    A gait of a high cost of transport has not the highest return: others have more, so that it
+    would be best never to arrive. Of such a gait the weights are those of the time alone.
+    """
+    worth = USUAL_TASK.distance_weight
+    if worth < LEAST_WORTH * gait.cot:
+        return Weights(worth * gait.speed, 0.0, 0.0)
     return Weights((worth - gait.cot) * gait.speed, 1.0 / gait.params.weight, -worth)
+
+
+def near_for(law: Law) -> float:
+    """The distance from its gait up to which a law acts: `NEAR`, or that of `FEWEST` nodes.
+
+    Laws hold a gait whose pendulum hardly moves from several of its small standard deviations.
+    """
+    nodes = np.ascontiguousarray(_grid(law, COUNTS).single()[:, :4])
+    following = np.partition(squared_distances(nodes, law.data.orbit), FEWEST)[FEWEST]
+    return max(NEAR, float(np.sqrt(following)))
 
 
 class StateGrid(NamedTuple):
@@ -294,6 +314,7 @@ def cost_to_gait(
 
     `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
     """
+    sweeps = progress_bar("start-up controller", iterable=range(SWEEPS), leave=False)
     single = _outcomes(params, grid.single(), weights)
     double = _outcomes(params, grid.double(), weights)
     counts = grid.counts
@@ -301,7 +322,7 @@ def cost_to_gait(
     to_go = CostToGo(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
     open_single = np.flatnonzero(~at_the_gait & np.isfinite(single.cost).any(axis=1))
     open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
-    for sweep in range(SWEEPS):
+    for sweep in sweeps:
         order = 1 if sweep % 2 == 0 else -1
         change = max(
             _swept(to_go.single.reshape(-1), open_single[::order], single, to_go, grid),

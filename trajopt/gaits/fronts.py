@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
@@ -21,6 +20,7 @@ from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.ranking import clearly_less
+from trajopt.pool import progress_bar
 from trajopt.store import Store, key
 
 
@@ -94,7 +94,7 @@ def cot_front(
     regeneration: bool = False,
     hold: float | None = None,
     folder: Path | None = None,
-    progress: bool = False,
+    progress: bool = True,
 ) -> CotFront:
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
 
@@ -112,7 +112,7 @@ def cot_front(
         regeneration: whether the battery takes energy back.
         hold: period of the clock between whose ticks the voltage is constant (s), or None.
         folder: where each gait is saved when it has been solved, and read from if it is there.
-        progress: whether to show a progress bar.
+        progress: whether to show a progress bar on a terminal.
 
     Raises:
         NoGaitError: no gait was found at any speed.
@@ -128,7 +128,7 @@ def cot_front(
         speeds = sorted({held_speed(params, speed, 1, hold) for speed in speeds})
     solutions: list[Solution] = []
     missing: list[tuple[int, float, str]] = []
-    bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
+    bar = progress_bar("front", progress, total=len(steps) * len(speeds), unit="gait")
     for count in steps:
         free: list[Solution] = []
         held: list[Solution] = []
@@ -223,7 +223,9 @@ def _found(wanted: Wanted, known: Sequence[Solution]) -> Solution | str:
     best = next(iter(ranked(gaits, speed)), None)
     guess = best.load() if isinstance(best, Entry) else best
     try:
-        return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=guess)
+        return periodic_gait(
+            *(params, speed, steps, regeneration), hold=hold, guess=guess, progress=False
+        )
     except NoGaitError as error:
         return str(error)
 

@@ -38,6 +38,7 @@ from trajopt.ocp.ranking import least_first
 from trajopt.ocp.refinement import MAX_ELEMENTS
 from trajopt.ocp.solve import WARM_BARRIER, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
+from trajopt.pool import progress_bar
 
 #: First mesh of a gait that comes from a random start.
 ELEMENTS, DEGREE = 16, 7
@@ -84,7 +85,7 @@ class NoGaitError(ValueError):
 
 def periodic_gait(
     params: Machine,
-    speed: float = 0.5,
+    speed: float = 0.62,
     steps: int = 1,
     regeneration: bool = False,
     *,
@@ -94,7 +95,7 @@ def periodic_gait(
     seed: int = 0,
     guess: Solution | None = None,
     workers: int = 1,
-    progress: bool = False,
+    progress: bool = True,
 ) -> Solution:
     """The periodic gait of least cost of transport that the search finds, verified.
 
@@ -128,7 +129,7 @@ def periodic_gait(
             anew. One that has a hold itself, or the very speed, is what the search for a held gait
             starts from.
         workers: processes for the starts.
-        progress: whether to show a progress bar, with the least CoT and how many starts met it.
+        progress: whether to show progress on a terminal.
 
     Returns:
         The gait; see its `verification`, which may have failed.
@@ -145,46 +146,50 @@ def periodic_gait(
         guess = dataclasses.replace(guess, verification=anew)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
-    if flag("double_stance", double_stance):
-        if hold is not None or starts:
-            raise ValueError(
-                f"double_stance = True with hold = {hold}, starts = {starts}: no held gait and no "
-                "random start stops; leave both out"
-            )
-        return _stopping(params, speed, steps, regeneration, guess)
-    if hold is not None:
-        hold = positive("hold", hold)
-        search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
-        search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
-        free = _free_gait(params, (speed, hold), guess, **search_for)
-        return _held(free, speed, hold, regeneration)
-    known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
-    if starts is None:
-        starts = 0 if known else DEFAULT_STARTS
-    solved, failures = _continued_from(known, params, speed, regeneration)
-    if starts > 0 or not known:
-        search = search_gaits(
-            *(params, speed, steps, regeneration),
-            starts=starts,
-            seed=seed,
-            workers=workers,
-            progress=progress,
+    stops = flag("double_stance", double_stance)
+    if stops and (hold is not None or starts):
+        raise ValueError(
+            f"double_stance = True with hold = {hold}, starts = {starts}: no held gait and no "
+            "random start stops; leave both out"
         )
-        least = min((each.extremal.cost for each in solved), default=math.inf)
-        solved += _best_refined(search, WORTH_REFINING * least)
-    if not solved:
-        why = _remedies(params, speed, steps, workers) if not known else _binding(failures)
-        raise NoGaitError(_no_gait(params, speed, steps, why))
-    settings = {"speed": speed, "starts": starts, "seed": seed}
-    already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
-    solutions = []
-    for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
-        solution = finished(params, extremal, turns, regeneration, settings | met)
-        if solution.verification.passed:
-            return least_first([solution, *already], lambda gait: gait.cot)[0]
-        solutions.append(solution)
-    # A slow gait magnifies deviations so much that solved again it may fail where it passed once.
-    return least_first(already or solutions, lambda gait: gait.cot)[0]
+    title = f"gait at {speed:g} m/s"
+    with progress_bar(title, progress, bar_format="{desc} ...", leave=False):
+        if stops:
+            return _stopping(params, speed, steps, regeneration, guess)
+        if hold is not None:
+            hold = positive("hold", hold)
+            search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
+            search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
+            free = _free_gait(params, (speed, hold), guess, **search_for)
+            return _held(free, speed, hold, regeneration)
+        known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
+        if starts is None:
+            starts = 0 if known else DEFAULT_STARTS
+        solved, failures = _continued_from(known, params, speed, regeneration)
+        if starts > 0 or not known:
+            search = search_gaits(
+                *(params, speed, steps, regeneration),
+                starts=starts,
+                seed=seed,
+                workers=workers,
+                progress=progress,
+            )
+            least = min((each.extremal.cost for each in solved), default=math.inf)
+            solved += _best_refined(search, WORTH_REFINING * least)
+        if not solved:
+            short = {"workers": workers, "progress": progress, **SHORT_SEARCH}
+            why = _binding(failures) if known else _remedies(params, speed, steps, short)
+            raise NoGaitError(_no_gait(params, speed, steps, why))
+        settings = {"speed": speed, "starts": starts, "seed": seed}
+        already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
+        solutions = []
+        for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
+            solution = finished(params, extremal, turns, regeneration, settings | met)
+            if solution.verification.passed:
+                return least_first([solution, *already], lambda gait: gait.cot)[0]
+            solutions.append(solution)
+        # A slow gait magnifies deviations: solved again it may fail where it passed once.
+        return least_first(already or solutions, lambda gait: gait.cot)[0]
 
 
 def _stopping(
@@ -355,7 +360,7 @@ def _binding(failures: Sequence[str]) -> str:
     )
 
 
-def _remedies(params: WheelParams, speed: float, steps: int, workers: int) -> str:
+def _remedies(params: WheelParams, speed: float, steps: int, short: dict[str, Any]) -> str:
     """The same after a search: with which other limits and speeds a short one finds gaits."""
     volts, friction = 2 * params.voltage_limit, 2 * params.friction
     others = {
@@ -365,7 +370,7 @@ def _remedies(params: WheelParams, speed: float, steps: int, workers: int) -> st
     }
     remedies, useless = [], []
     for name, (machine, other) in others.items():
-        search = search_gaits(machine, other, steps, workers=workers, **SHORT_SEARCH)
+        search = search_gaits(machine, other, steps, **short)
         if search.optima:
             remedies.append(f"{name} (CoT {search.optima[0].cost / search.unit[1]:.2g})")
         else:

@@ -90,7 +90,7 @@ def search_gaits(
     shipped: int = SHIPPED,
     seed: int = 0,
     workers: int = 1,
-    progress: bool = False,
+    progress: bool = True,
 ) -> Search:
     """Local optima from known gaits and random motions; their `kind` is the turns of a stride.
 
@@ -104,7 +104,7 @@ def search_gaits(
         shipped: how many of those gaits of each machine and number of turns, the nearest in speed.
         seed: of the random starts.
         workers: processes.
-        progress: whether to show a bar.
+        progress: whether to show a bar on a terminal.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed.

@@ -24,9 +24,10 @@ from scipy.integrate import trapezoid
 
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Constraint
+from trajopt.ocp.equations import path_nodes
 from trajopt.ocp.layout import evaluated
 from trajopt.ocp.problem import Phase
-from trajopt.ocp.scaling import PhaseScales, Scales
+from trajopt.ocp.scaling import PhaseScales, Scales, jacobian
 from trajopt.ocp.schemes import control_nodes, full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
@@ -41,6 +42,9 @@ CORNERS, OTHERS = 5, 12
 #: curvatures differ by less than the inverse of that.
 ROUNDING = 1e-9
 
+#: A constraint on the state has a price if it exceeds this, relative to the cost's scale.
+PRICED = 1e-6
+
 #: A control switches where what another would save passes this fraction of its largest value.
 NOTHING = 1e-3
 
@@ -54,7 +58,8 @@ class Certificate:
         hamiltonian: at both ends of every element, shape (M, 2) each.
         duration_price: the derivative of the least cost with respect to each phase's duration,
             shape (phases,).
-        cost_gaps: about what each element's control costs too much, shape (M,) each.
+        cost_gaps: about what each element's control costs too much, shape (M,) each; where a
+            constraint on the state is active, the Hamiltonian's variation times the duration.
         switches: of every phase, (element, fraction of it) where a control should switch but does
             not, shape (n, 2) each.
         prices: of every phase's bounded integrals, shape (m,) each.
@@ -120,12 +125,18 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         View(phase, trajectory, costates[i], result.parameters, prices[i])
         for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
-    savings = [_savings(view, each) for view, each in zip(views, scales.phases, strict=True)]
+    hamiltonians = [view.hamiltonian(*view.at_ends()) for view in views]
+    savings = []
+    for i, view in enumerate(views):
+        near, far = _savings(view, scales.phases[i])
+        priced = _priced(transcription, result, i, scales)[:, None]
+        spread = np.ptp(np.column_stack([hamiltonians[i], means[i]]), axis=1)[:, None]
+        savings.append((np.where(priced, spread, near), np.where(priced, 0.0, far)))
     widths = [t.element_durations / t.duration for t in result.phases]
     price = np.array([mean @ width for mean, width in zip(means, widths, strict=True)])
     return Certificate(
         costates=tuple(costates),
-        hamiltonian=tuple(view.hamiltonian(*view.at_ends()) for view in views),
+        hamiltonian=tuple(hamiltonians),
         duration_price=price,
         cost_gaps=tuple(
             trapezoid(near, PLACES) * view.trajectory.element_durations
@@ -135,6 +146,39 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         prices=tuple(prices),
         scales=scales.cost / np.array([each.duration for each in scales.phases]),
     )
+
+
+def _priced(transcription: Transcription, result: Result, index: int, scales: Scales) -> Array:
+    """Of which elements of a phase a constraint on the state has a price, shape (M,).
+
+    The costate jumps by such prices, and where in the element is not known.
+    """
+    phase, path = transcription.problem.phases[index], result.phases[index]
+    layout, nx, units = transcription.layout, len(phase.states), scales.phases[index].states
+    bounds = np.abs(result.bound_multipliers)
+    edges = (bounds[layout.indices(index, "edges", 0)].T * units)[1:-1].max(axis=1)
+    prices = np.maximum(np.append(0.0, edges), np.append(edges, 0.0))
+    m = len(phase.path.names) if phase.path is not None else 0
+    if phase.path is not None:
+        u = lagrange_matrix(path.control_nodes, path.nodes) @ path.controls
+        every = evaluated(jacobian(phase.path.function), path.states, u, result.parameters)
+        every = np.abs(every).max(axis=1).reshape(len(every), -1, m)
+        pure = every[:, nx : nx + u.shape[-1]].max(axis=(0, 1), initial=0.0) == 0.0  # not of u
+        slopes = every[:, :nx] * pure
+    for each in transcription.equations.element_blocks:
+        if each.phase != index:
+            continue
+        scheme, chosen = each.group.scheme, each.group.elements
+        interior = layout.indices(index, "interior", each.group.degree)
+        within = bounds[interior] * np.tile(units, len(interior) // nx)[:, None]
+        prices[chosen] = np.maximum(prices[chosen], within.max(axis=0, initial=0.0))
+        if m:
+            first = nx * len(scheme.D)
+            rows = each.block.rows[first : first + m * len(path_nodes(scheme))]
+            sums = np.abs(result.multipliers[rows]).reshape(-1, m, len(chosen)).sum(axis=0)
+            jumps = np.einsum("exm,me->ex", slopes[chosen], sums) * units
+            prices[chosen] = np.maximum(prices[chosen], jumps.max(axis=1))
+    return prices > PRICED * scales.cost
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -16,7 +16,6 @@ from typing import Any, TypeAlias
 
 import cloudpickle
 import numpy as np
-from tqdm import tqdm
 
 from rimless_gym.checks import flag, integer, require_callable, require_kind
 from trajopt.ocp.arrays import Array
@@ -28,7 +27,7 @@ from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import WARM_BARRIER, minimize, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Transcription
-from trajopt.pool import run
+from trajopt.pool import progress_bar, run
 
 #: The mesh that starts share if no other is given: elements per phase and their degree.
 ELEMENTS, DEGREE = 14, 4
@@ -207,7 +206,7 @@ def multi_start(
     mesh: Mesh | None = None,
     same: Same = Outcome.same_as,
     unit: tuple[str, float] = ("cost", 1.0),
-    progress: bool = False,
+    progress: bool = True,
     **options: Any,
 ) -> Search:
     """Solve a problem from many starts, each once and on one mesh.
@@ -223,7 +222,7 @@ def multi_start(
         mesh: 14 elements of degree 4 per phase by default.
         same: (outcome, outcome) -> whether they are the same optimum.
         unit: what the bar and the report call the cost, and by what they divide it.
-        progress: whether to show a bar, with the least cost and how many starts met it.
+        progress: whether to show a bar on a terminal, with the least cost and how often it was met.
         options: of IPOPT, over `OPTIONS`.
 
     Raises:
@@ -240,7 +239,7 @@ def multi_start(
     search = Search(problem, family, seed, mesh, OPTIONS | options, same=same, unit=unit)
     solved = partial(_solved, cloudpickle.dumps(search))
     outcomes: dict[int, Outcome] = {}
-    bar = tqdm(total=starts, desc="starts", disable=None if progress else True)
+    bar = progress_bar("starts", progress, total=starts)
     with closing(run(solved, range(starts), workers)) as results, bar:
         for index, outcome in results:
             outcomes[index] = outcome

@@ -68,6 +68,7 @@ class Result:
         largest: magnitude of an unknown, relative to its scale.
         unknowns: of the program.
         multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
+        bound_multipliers: of the bounds on the unknowns, likewise.
     """
 
     phases: tuple[PhaseTrajectory, ...]
@@ -82,6 +83,7 @@ class Result:
     largest: float
     unknowns: Array = dataclasses.field(repr=False)
     multipliers: Array = dataclasses.field(repr=False)
+    bound_multipliers: Array = dataclasses.field(repr=False)
 
     @property
     def worst(self) -> str:
@@ -218,6 +220,7 @@ class Transcription:
             largest=float(np.abs(x).max()),
             unknowns=w,
             multipliers=np.asarray(solution["lam_g"]).ravel() * scales.cost / of_g,
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel() * scales.cost / of_x,
         )
 
     def multipliers_of(self, result: Result) -> Iterator[tuple[Rows, Array]]:

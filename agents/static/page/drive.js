@@ -1,13 +1,17 @@
-// The race: you against the policy, 30 s from rest, on a machine that you may change.
+// The race: you against the policy, on a machine that you may change. The first level is slow, and
+// you take over a wheel that walks; in the second you start from rest.
 
-const RACE = 30; // s
-const KEY_VOLTS = 5; // of an arrow key; with Shift, and on the lever, up to the limit
+const LEVELS = { walking: { race: 15, pace: 0.5 }, rest: { race: 30, pace: 1 } }; // s; of the clock
+const WALKS = 8; // s after which the policy walks, from rest
+const PUSH = 3; // V that an arrow key adds to coasting; with Shift as much as there is
+const HINT = 1.5; // V off coasting that are worth a key
 
 const drive = {
   machine: { ...DATA.machine },
+  level: LEVELS.walking,
   phase: 'ready', // then 'racing', then 'done'
   held: { keys: new Set(), strong: false, lever: null },
-  left: RACE,
+  left: LEVELS.walking.race,
 };
 
 // The voltage that is held (V), or null where nothing is: then the motor coasts.
@@ -15,8 +19,9 @@ function heldVoltage() {
   const { keys, strong, lever } = drive.held;
   if (lever !== null) return lever;
   if (keys.size !== 1) return keys.size ? 0 : null;
-  const volts = strong ? drive.machine.voltage_limit : KEY_VOLTS;
-  return keys.has('ArrowRight') ? volts : -volts;
+  const limit = drive.machine.voltage_limit;
+  const push = (keys.has('ArrowRight') ? 1 : -1) * (strong ? 2 * limit : PUSH);
+  return clamp(coasting(drive.you.state, drive.you.p) + push, -limit, limit);
 }
 
 // The voltage at which no current flows.
@@ -27,9 +32,16 @@ function coasting({ dphi, dtheta }, p) {
 
 function newRace() {
   const { machine } = drive;
-  drive.you = new Walker(machine, (state, p) => heldVoltage() ?? coasting(state, p));
-  drive.policy = new Walker(machine, (state, p) => policyVoltage(state, p, machine));
-  Object.assign(drive, { phase: 'ready', left: RACE, seenFalls: 0, messageAt: RACE });
+  const policy = (state, p) => policyVoltage(state, p, machine);
+  let begin = null;
+  if (drive.level === LEVELS.walking) {
+    const before = new Walker(machine, policy);
+    before.follow(WALKS);
+    begin = { ...before.state, foot: 0 };
+  }
+  drive.you = new Walker(machine, (state, p) => heldVoltage() ?? coasting(state, p), begin);
+  drive.policy = new Walker(machine, policy, begin);
+  Object.assign(drive, { phase: 'ready', left: drive.level.race, seenFalls: 0, metres: 0, messageAt: drive.level.race });
   byId('start').textContent = 'Start';
   byId('share').disabled = true;
   byId('copied').textContent = '';
@@ -67,14 +79,20 @@ function followDrive(seconds) {
   const { you, policy, phase } = drive;
   if (phase === 'ready') policy.follow(seconds);
   if (phase !== 'racing') return;
-  const step = Math.min(seconds, drive.left);
+  const step = Math.min(seconds * drive.level.pace, drive.left);
   you.follow(step);
   policy.follow(step);
   drive.left -= step;
   if (you.falls > drive.seenFalls) {
     drive.seenFalls = you.falls;
-    showMessage('The foot lifted off: you fell. Up again!');
+    showMessage('The foot lifted off: you fell. Start again, or get up by pumping.');
     drive.messageAt = drive.left;
+  } else if (you.distance >= drive.metres + 1) {
+    drive.metres += 1;
+    showMessage(drive.metres === 1 ? 'The first metre!' : `${drive.metres} metres`);
+    drive.messageAt = drive.left;
+  } else if (you.distance < drive.metres - 0.3) {
+    showMessage('You roll backward: only metres to the right count.');
   } else if (drive.messageAt - drive.left > 2) showMessage('');
   if (drive.left <= 1e-9) finish();
 }
@@ -125,9 +143,13 @@ function showLever() {
   const shown = volts ?? 0;
   const [low, high] = [across(Math.min(shown, 0)), across(Math.max(shown, 0))];
   Object.assign(lever.querySelector('.fill').style, { left: `${low}%`, width: `${high - low}%` });
-  lever.querySelector('.emf').style.left = `${across(coasting(drive.you.state, drive.you.p))}%`;
-  const text = volts === null ? 'hold here, left or right' : `${fixed(volts, 1)} V`;
-  lever.querySelector('.text').textContent = drive.phase === 'racing' && volts === null ? 'coasting' : text;
+  const { state, p } = drive.you;
+  const [free, wise] = [coasting(state, p), policyVoltage(state, p, drive.machine)];
+  lever.querySelector('.emf').style.left = `${across(free)}%`;
+  lever.querySelector('.law').style.left = `${across(wise)}%`;
+  const hint = Math.abs(wise - free) < HINT ? 'let go' : wise > free ? 'now →' : '← now';
+  const held = volts === null ? '' : `, you hold ${fixed(volts, 1)} V of ${limit}`;
+  lever.querySelector('.text').textContent = drive.phase === 'racing' ? hint + held : 'hold here, left or right';
   lever.setAttribute('aria-valuenow', shown.toFixed(1));
 }
 
@@ -141,7 +163,7 @@ function setUpDrive() {
   addEventListener('keydown', (event) => {
     drive.held.strong = event.shiftKey;
     const mine = event.key === 'ArrowLeft' || event.key === 'ArrowRight';
-    if (!mine || !visible || event.target.matches('input')) return;
+    if (!mine || !visible || event.target.matches('input[type=range]')) return;
     event.preventDefault();
     if (drive.phase === 'ready' && !event.repeat) start();
     drive.held.keys.add(event.key);
@@ -169,6 +191,10 @@ function setUpDrive() {
   }
   lever.addEventListener('contextmenu', (event) => event.preventDefault());
   byId('start').addEventListener('click', start);
+  byId('rest').addEventListener('change', (event) => {
+    drive.level = event.target.checked ? LEVELS.rest : LEVELS.walking;
+    newRace();
+  });
   byId('share').addEventListener('click', share);
   gear.value = DATA.machine.gear_ratio;
   for (const name of ['slope', 'gear', 'losses']) byId(name).addEventListener('input', changeMachine);

@@ -95,7 +95,7 @@ function drawGhostMark(ctx, x, y) {
   ctx.lineTo(px - 8, py);
   ctx.fill();
   ctx.textAlign = 'center';
-  ctx.fillText('policy', px, py - 17);
+  ctx.fillText('policy', px, py < CHART.top + 48 ? py + 18 : py - 17); // clear of the chart's title
 }
 
 function drawChosen(ctx, x, y, height) {

@@ -1,11 +1,13 @@
 // Scores: yours, the policy's and the optimum's, and your score as text to pass on.
 
 function result() {
-  const { cot } = drive.you.overall;
-  const rival = drive.policy.overall.cot;
-  if (!Number.isFinite(cot)) return 'No distance, no cost of transport. Pump the pendulum like a swing!';
-  if (cot < rival) return `You walked for ${costText(cot)}: cheaper than the policy!`;
-  return `You walked for ${costText(cot)}. The policy needed ${times(cot / rival)} times less.`;
+  const { cot, distance } = drive.you.overall;
+  const rival = drive.policy.overall;
+  if (distance < -0.05) return `${fixed(-distance, 1)} m backward. Turn the pendulum the other way: to the right counts.`;
+  if (!Number.isFinite(cot)) return 'No distance yet. Follow the violet mark, or pump the pendulum like a swing!';
+  const way = `${fixed(distance, 1)} m, ${fixed((100 * distance) / rival.distance, 0)} % of the policy's way, at a cost of ${costText(cot)}`;
+  if (cot < rival.cot && !drive.you.falls) return `${way}: cheaper than the policy!`;
+  return `${way}. The policy needed ${times(cot / rival.cot)} times less.`;
 }
 
 // The score as text to pass on.
@@ -17,7 +19,7 @@ function scoreText() {
     Number.isFinite(best) ? `${times(cot / best)} times the optimum at my speed (${costText(best)})` : '',
     `${times(cot / policy.overall.cot)} times the learned policy (${costText(policy.overall.cot)})`,
   ].filter(Boolean).join(' and ');
-  const head = `I drove a rimless wheel ${fixed(distance, 1)} m in ${RACE} s`;
+  const head = `I drove a rimless wheel ${fixed(distance, 1)} m in ${drive.level.race} s${drive.level === LEVELS.rest ? ' from rest' : ''}`;
   const tail = altered() ? ' (machine changed)' : '';
   if (!Number.isFinite(cot)) return `${head}${ofFalls(you.falls)}. The learned policy: ${fixed(policy.overall.distance, 1)} m.${tail}`;
   return `${head} at a cost of transport of ${costText(cot)}${ofFalls(you.falls)}: ${against}.${tail} Can you walk cheaper?`;
@@ -56,7 +58,7 @@ function showScores() {
   showRow('optimum-row', { speed: Number.isFinite(best) ? you.speed : NaN, cot: best });
   const notes = altered()
     ? 'The optimum is known only for the machine as it was.'
-    : 'The optimum, at your speed, is already walking; you and the policy start from rest.';
+    : `The optimum, at your speed, is already walking; you and the policy ${drive.level === LEVELS.rest ? 'start from rest' : 'take over a wheel that walks'}.`;
   const falls = drive.you.falls ? ` You fell: ${drive.you.falls}.` : '';
   byId('note').textContent = notes + falls;
   drawRuler(byId('ruler'), [

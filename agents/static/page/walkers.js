@@ -57,12 +57,13 @@ function gaitAt(gait, t, p = CONSTANTS) {
 
 // -- simulated wheels -------------------------------------------------------------------------
 
-// A wheel from rest on a machine. `control(state, p)` gives the voltage of the next 10 ms. Where
-// the foot would have to be pulled down, the wheel falls: it is set upright again, at rest.
+// A wheel on a machine, from a state, by default at rest. `control(state, p)` gives the voltage of
+// the next 10 ms. Where the foot would have to be pulled down, the wheel falls: it is set upright
+// again, at rest.
 class Walker {
-  constructor(machine, control) {
+  constructor(machine, control, begin = null) {
     Object.assign(this, { machine, control, p: wheel.constants(machine) });
-    this.state = wheel.atRest(this.p);
+    this.state = begin ?? wheel.atRest(this.p);
     Object.assign(this, { time: 0, energy: 0, distance: 0, falls: 0, debt: 0, samples: [] });
     this.pose = poseOf(this.state, this.p);
     this.before = this.pose;

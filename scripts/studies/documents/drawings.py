@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import dataclasses
 import io
 import math
 from pathlib import Path
@@ -24,7 +25,7 @@ def coordinates_figure() -> Figure:
 
     Points are complex numbers (m), with the stance foot at 0.
     """
-    params = THESIS_PHYSICAL.replace(pendulum_length=0.24, slope=0.14)
+    params = dataclasses.replace(THESIS_PHYSICAL, pendulum_length=0.24, slope=0.14)
     scene, size = Scene(phi=1.08, theta=1.1), (1300, 860)
     canvas = Canvas(params, scene.hub(params)[0], size, (255, 255, 255))
     figure = plt.figure(figsize=(9.2, 6.3), dpi=100)

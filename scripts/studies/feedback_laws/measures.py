@@ -36,7 +36,7 @@ from trajopt.feedback.transverse import multipliers as multipliers_of
 #: The gaits of the study: preset and speed (m/s). Their voltage is held for a control period.
 GAITS = {
     f"{name} at {speed:g} m/s": (name, speed)
-    for name, speed in (("BUILDABLE", 0.56), ("BUILDABLE", 0.605), ("THESIS_PHYSICAL", 0.57))
+    for name, speed in (("BUILDABLE", 0.56), ("BUILDABLE", 0.62), ("THESIS_PHYSICAL", 0.57))
 }
 
 #: A law whose decision takes longer than this per wheel, in a batch, is measured from fewer starts.
@@ -258,7 +258,7 @@ def changed_machines(params: WheelParams) -> Iterator[tuple[str, float, WheelPar
             fields = {name: (1 + change) * getattr(params, name)}
             if name == "pendulum_length" and params.pendulum_reach is not None:
                 fields["pendulum_reach"] = (1 + change) * params.pendulum_reach
-            yield name, change, params.replace(**fields)
+            yield name, change, dataclasses.replace(params, **fields)
 
 
 def _share(

@@ -21,6 +21,7 @@ from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
 from agents.experts import EXPERT
 from rimless_gym.presets import PRESETS
+from trajopt import periodic_gait
 from trajopt.pool import KilledError
 
 #: What the work of a command begins with; it must not be reached with bad input.
@@ -80,12 +81,14 @@ def test_help_imports_nothing_that_takes_long() -> None:
     heavy = ["numpy", "gymnasium", "numba", "casadi", "scipy", "torch", "matplotlib", "joblib"]
     code = f"""
 import sys
-from agents.cli.main import main
+from agents.cli.main import COMMANDS, main
 main([])
-try:
-    main(["train", "--help"])
-except SystemExit:
-    print([name for name in {heavy} if name in sys.modules])
+for word in COMMANDS:
+    try:
+        main([word, "--help"])
+    except SystemExit:
+        pass
+print([name for name in {heavy} if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
@@ -103,6 +106,7 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
     [
         ("trian", "'trian' is no command: did you mean 'train'?"),
         ("dance", "'dance' is no command: choose from train, evaluate"),
+        ("front", "'front' is no command: choose from train, evaluate"),
         ("--loud", "Unrecognized options: --loud"),
         ("train --sed 3", "--sed, 3; did you mean --seed?"),
         ("gait --workers 0", "--workers: '0': must be an integer of at least 1"),
@@ -163,6 +167,9 @@ def test_defaults_are_those_of_the_functions_behind_the_commands() -> None:
         if field.name in options:
             assert options[field.name].default == getattr(Study(), field.name), field.name
     assert inspect.signature(train).parameters["expert"].default == EXPERT
+    speeds = [inspect.signature(each).parameters.get("speed") for each in COMMANDS.values()]
+    defaults = {each.default for each in speeds if each} - {None}
+    assert defaults == {inspect.signature(periodic_gait).parameters["speed"].default}
     assert set(get_args(Preset)) == set(PRESETS)
 
 

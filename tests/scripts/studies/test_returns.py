@@ -39,16 +39,17 @@ def test_a_threshold_is_the_return_of_a_walk_at_a_quarter_more_cost_after_a_star
     speed = next(row["speed"] for row in RECORDED[WHEEL] if row["name"] == FRONT)
     best = MEANS[WHEEL][FRONT]
     quarter_more = best - 0.25 * (20 * speed * Task().distance_weight - best)
-    expected = {WHEEL: quarter_more * MEANS[WHEEL]["lqr"] / best}
+    lqr = next(row for row in RECORDED[WHEEL] if row["name"] == "lqr")
     own = next(row for row in RECORDED[COMMANDED] if row["name"] == "front")
-    attained = (
-        own["mean"] / returns.front_return(returns.commands(tuple(own["speeds"]), 100)).mean()
-    )
-    everywhere = returns.commands(SPEEDS, 100)
-    expected[COMMANDED] = attained * returns.front_return(everywhere, 1.25).mean()
+    narrow, wide = (returns.commands(tuple(each), 100) for each in (own["speeds"], SPEEDS))
+    expected = {
+        WHEEL: quarter_more * lqr["rest"] / best,
+        COMMANDED: returns.front_return(wide, 1.25).mean()
+        * own["rest"]
+        / returns.front_return(narrow).mean(),
+    }
     for env in ENVIRONMENTS:
-        threshold = gym.spec(env).reward_threshold
-        assert threshold == pytest.approx(expected[env], rel=0.01)
+        assert gym.spec(env).reward_threshold == pytest.approx(expected[env], rel=0.01)
         assert all(MEANS[env][name] < 0.0 for name in BASELINES)
 
 

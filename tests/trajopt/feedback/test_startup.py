@@ -11,10 +11,11 @@ import pytest
 from agents.evaluate import Protocol, evaluate
 from agents.gaps import reward_rate
 from agents.rollout import controller_policy
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.kernel.stepping import advance
+from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback import startup as module
 from trajopt.feedback.controller import NEAR, ContactGuard, SwitchingController
@@ -29,6 +30,7 @@ from trajopt.feedback.startup import (
     Weights,
     cost_at,
     lost_return,
+    near_for,
     simulated,
     startup_for,
     voltages,
@@ -118,7 +120,24 @@ def test_nothing_is_lost_on_the_gait(held):
     energy = held.cot * P.weight * distance
     lost = weights.time * held.duration + weights.energy * energy + weights.distance * distance
     assert lost == pytest.approx(0.0, abs=1e-12)
-    assert lost_return(SimpleNamespace(params=P, cot=0.7, speed=0.5)).time > 0.0
+
+
+def test_no_moment_on_the_way_to_an_expensive_gait_is_rewarded():
+    weights = lost_return(SimpleNamespace(params=P, cot=0.7, speed=0.5))
+    assert weights.time > 0.0
+    assert min(weights) >= 0.0
+
+
+@pytest.mark.slow
+def test_it_leads_to_a_fast_gait_whose_pendulum_hardly_moves(law):
+    fast = periodic_gait(BUILDABLE, 1.3)
+    controller = laws.design("lqr", fast)
+    assert near_for(controller.controller.law) > NEAR == near_for(law)
+    grippy = BUILDABLE.replace(friction=1.0)  # the gait uses all grip of the machine's own
+    protocol = Protocol(starts=24, duration=14.0, window=4.0, alive=3.0)
+    walks = evaluate(controller_policy(BUILDABLE, controller), grippy, protocol)
+    assert walks.walking_share >= 0.8
+    assert walks.speed == pytest.approx(fast.speed, rel=0.01)
 
 
 def test_it_is_a_function_of_the_state_within_the_voltage_limit(startup):

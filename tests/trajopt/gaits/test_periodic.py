@@ -83,7 +83,7 @@ def test_a_guess_is_verified_before_it_is_believed(one_step):
 
 @pytest.mark.slow
 def test_a_gait_from_which_its_simulation_strays_is_solved_on_a_finer_mesh(monkeypatch):
-    heavier = {"pendulum_mass": 1.9}
+    heavier = {"pendulum_mass": 1.9, "pendulum_inertia": BUILDABLE.pendulum_inertia}
     usual = periodic_gait(heavier, 0.55, starts=0)
     monkeypatch.setattr(verifying, "STATE_TOLERANCE", 0.5 * usual.verification.state_error)
     finer = periodic_gait(heavier, 0.55, starts=0)
@@ -159,7 +159,7 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
         ({"speed": math.nan}, ValueError, "speed = nan: must be finite"),
         ({"speed": 23}, NoGaitError, r"speed = 23\.0: must be at most 21.05 m/s.*60 rad/s"),
         (
-            {"params": {"pendulum_length": 0.01}, "speed": 3},
+            {"params": BUILDABLE.replace(pendulum_length=0.01), "speed": 3},
             NoGaitError,
             r"speed = 3\.0: must be at most 2\.\d+ m/s, above which this machine's feet lift off",
         ),

@@ -21,7 +21,7 @@ from trajopt.ocp.guesses import polyline
 
 
 def passive(n_legs: int, slope: float, inertia: float) -> WheelParams:
-    return WheelParams(
+    return THESIS_PHYSICAL.replace(
         n_legs=n_legs,
         slope=slope,
         wheel_inertia=inertia,

@@ -81,10 +81,11 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
         TypeError, ValueError: see `holding`; or the start-up controller's file is damaged.
         OSError: the folder cannot be written.
     """
-    from trajopt.feedback.controller import NEAR, ContactGuard, SwitchingController, margin_for
-    from trajopt.feedback.startup import lost_return, startup_for
+    from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
+    from trajopt.feedback.startup import lost_return, near_for, startup_for
 
     law = holding(law, solution)
-    startup = startup_for(law, NEAR, lost_return(solution), folder)
-    switching = SwitchingController(law, startup)
+    near = near_for(law)
+    startup = startup_for(law, near, lost_return(solution), folder)
+    switching = SwitchingController(law, startup, near)
     return ContactGuard(law.params, switching, margin_for(solution))

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from tqdm import tqdm
 
 from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
@@ -29,7 +28,7 @@ from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit, has_clock, located
 from trajopt.gaits.solution import Solution
-from trajopt.pool import cores
+from trajopt.pool import cores, progress_bar
 
 with extra("learn"):
     import cma
@@ -102,7 +101,7 @@ def design(
     strategy, least = cma.CMAEvolutionStrategy(len(best) * [0.0], SPREAD, options), loss(best)
     with (
         ThreadPoolExecutor(cores()) as threads,
-        tqdm(total=generations, desc="tune", unit="generation", disable=None) as bar,
+        progress_bar("tune", total=generations, unit="generation") as bar,
     ):
         for _ in range(generations):
             candidates = strategy.ask()
