@@ -67,6 +67,8 @@ def train(
         prior: law: a feedback law's values shape the reward, and some walks begin on its way
     """
     from agents.learner import learner_class
+
+    learner = learner_class(algo)  # prints a line first: this and the next imports load PyTorch
     from agents.training import TrainingConfig
     from agents.training import train as trained
 
@@ -89,7 +91,7 @@ def train(
     config.training()  # what is refused here makes no folder
     require_folder(out)
     trained(config, out)
-    best = out / learner_class(algo).recommended
+    best = out / learner.recommended
     print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
     return 0
 
