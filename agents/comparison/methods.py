@@ -306,10 +306,11 @@ class LearnedMethod:
         )
         trained = train(config, setting.out / self.name, progress=setting.progress)
         file = setting.out / self.name / self.file
+        record = read_record(trained.last)  # the whole training's, also where the first policy won
         return {
             "evaluations": [setting.evaluated(load_policy(file).policy)],
-            "effort": TrainingEffort.of(read_record(file))._asdict(),
-            "curve": read_record(trained.last)["curve"],
+            "effort": TrainingEffort.of(record)._asdict(),
+            "curve": record["curve"],
             "files": [f"{self.name}/{self.file}"],
         }
 
