@@ -1,6 +1,6 @@
 """The study `stop_and_go`: walks from rest to rest, and what they cost at slow mean speeds.
 
-A wheel at rest on two feet, its pendulum hanging, is started and walks at the speed of least cost.
+A wheel at rest on two feet, its pendulum hanging, is started and walks at 0.62 m/s.
 Then its motor is short-circuited, and friction and touchdowns bring it to the state in which it
 began. It may rest as long as it likes, so such a cycle has every mean speed that is slow enough.
 Everything is simulated on the stepping kernel. No foot lifts or slips: where the controller's
