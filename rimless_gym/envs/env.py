@@ -117,7 +117,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Mean returns of 100 default episodes: random voltages -13, resting -0.3, an LQR 4.8, and
     the front's best gait 5.8 if it were walked for all 20 s. The registered
-    `reward_threshold` is 4.6: what is left of the last for a walk that costs a quarter more and
+    `reward_threshold` is 4.5: what is left of the last for a walk that costs a quarter more and
     starts up as the LQR does from rest. docs/environment.md has the table.
 
     ## Starting State
