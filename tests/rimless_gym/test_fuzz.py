@@ -46,7 +46,8 @@ REINTEGRATED = range(7, LENGTH, 13)
 
 RESIDUAL = 1e-7  # of a ledger, relative to the energies in it, on the most violent machines
 DIFFERENCE = 1e-8  # from the reference: of angles (rad), of rates relative to size
-DIVIDED = 1e-5  # the same, of one long interval from as many of 10 ms as it has
+#: The same, of a long interval from its 10 ms: strong windage bends where theta' reverses.
+DIVIDED = 1e-5
 
 #: Ranges, drawn evenly in the logarithm; all but `NEVER_ZERO` are sometimes 0 instead.
 WIDE = {
