@@ -47,9 +47,8 @@ ROUNDING = 1e-9
 #: A control switches where what another would save passes this fraction of its largest value.
 NOTHING = 1e-3
 
-#: How often Newton's control at the best share so far is added to those tried, and how often the
-#: interval of the best share is shortened by a third.
-CUTS, THIRDS = 6, 40
+#: How often the interval in which the best share lies is shortened by a third.
+THIRDS = 42
 
 
 def gaps(
@@ -97,34 +96,34 @@ def _savings(
 def _shares(view: View, inside: Inside, scales: PhaseScales) -> Array:
     """The share of the multipliers before each place at which other controls save least, (M, n).
 
-    Multipliers have one sign, so that the share never falls. What another control saves is linear
-    in the share, and the largest of all these is convex. So the best shares that never fall are
-    among the best at single places (as in isotonic regression), found by dynamic programming.
+    Multipliers have one sign, so that the share never falls. What a control saves is linear in the
+    share, and the most that any saves is convex. So the best shares that never fall are among the
+    best at single places (as in isotonic regression); dynamic programming chooses.
     """
     x, u, path = inside.states, inside.controls, view.phase.path
     M, n = x.shape[:2]
 
-    def saved(control: Array) -> Array:
-        """What a control saves if the share is 0 or 1, (M, n, 2)."""
-        ends = (inside.from_left, inside.from_right)
-        each = [view.hamiltonian(x, u, c) - view.hamiltonian(x, control, c) for c in ends]
-        allowed = True if path is None else _allowed(path, x, control, view.p, scales)[..., None]
-        return np.where(allowed, finite(np.stack(each, axis=-1)), 0.0)
+    def saved(control: Array, costates: Array) -> Array:
+        saved = finite(view.hamiltonian(x, u, costates) - view.hamiltonian(x, control, costates))
+        allowed = path is None or _allowed(path, x, control, view.p, scales)
+        return np.where(allowed, saved, 0.0)
+
+    tried = list(_tried(view, u))
+    zero, one = (
+        np.array([np.zeros((M, n)), *(saved(control, costates) for control in tried)])
+        for costates in (inside.from_left, inside.from_right)
+    )
 
     def most(share: Array) -> Array:
-        return np.asarray((lines[..., 0] + share * (lines[..., 1] - lines[..., 0])).max(axis=0))
+        costates = inside.costates(share)
+        newton = saved(view.newton(x, u, costates, scales.controls), costates)
+        return np.maximum(newton, (zero + share * (one - zero)).max(axis=0))
 
-    lines = np.array([np.zeros((M, n, 2)), *map(saved, _tried(view, u))])
-    best = np.zeros((M, n))
-    for cut in range(CUTS):
-        share = best if cut else np.ones((M, n))
-        newton = view.newton(x, u, inside.costates(share), scales.controls)
-        lines = np.concatenate([lines, saved(newton)[None]])
-        best, high = np.zeros((M, n)), np.ones((M, n))
-        for _ in range(THIRDS):
-            third = (high - best) / 3
-            left = most(best + third) <= most(high - third)
-            best, high = np.where(left, best, best + third), np.where(left, high - third, high)
+    best, high = np.zeros((M, n)), np.ones((M, n))
+    for _ in range(THIRDS):
+        third = (high - best) / 3
+        left = most(best + third) <= most(high - third)
+        best, high = np.where(left, best, best + third), np.where(left, high - third, high)
     levels = np.sort(np.hstack([best, np.zeros((M, 1)), np.ones((M, 1))]), axis=1)
     costs = WEIGHTS[:, None] * np.stack([most(level[:, None]) for level in levels.T], axis=-1)
     for k in range(1, n):
