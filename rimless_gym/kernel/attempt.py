@@ -111,14 +111,22 @@ def friction_rate(y, acc, rate, u, p):
     return max(steepest, loading * (1 / MAX_BEND_STEP))
 
 
+@inlined
+def windage_rate(y, acc, p):
+    """How fast (1/s) theta' crosses the width w in which the air's torque bends: 0 without it."""
+    exists = 1.0 if p.Cp > 0.0 else 0.0
+    reversing = exists * abs(acc.ddtheta) / np.sqrt(y.dtheta * y.dtheta + p.w * p.w)
+    return reversing * (1 / MAX_BEND_STEP)
+
+
 @vectorised
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
-    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half
-    of the time left adds to it; it counts for more where the accelerations' peak is narrower than
-    1 rad. No step is longer than 10 ms: psi' may come to a stop by dry friction while psi'' was
+    drag, for where these bend, and for the fastest rate in the equations. That is the rate of
+    phi + theta, with what half of the time left adds to it; it counts for more where the
+    accelerations' peak is narrower than 1 rad. No step is longer than 10 ms: psi' may come to a stop by dry friction while psi'' was
     small where the step began. Lanes that are done get a length of 0. Returns how many lanes stand
     on two feet or move too fast.
     """
@@ -134,7 +142,8 @@ def plan(tile):
         braking = drag_pole(rolling, swinging, p)
         damping = (tile[slot.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[slot.VOLTAGE + lane], p)
-        fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1 / CONTROL_PERIOD)
+        bending = max(rubbing, windage_rate(y, acc, p))
+        fastest = max(damping, turning * (1 / MAX_RATE_STEP), bending, 1 / CONTROL_PERIOD)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
         runs = left > 0.0 and tile[slot.FAILURE + lane] == OK
         tile[slot.STEP + lane] = h if runs else 0.0
