@@ -126,9 +126,9 @@ def plan(tile):
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
     drag, for where these bend, and for the fastest rate in the equations. That is the rate of
     phi + theta, with what half of the time left adds to it; it counts for more where the
-    accelerations' peak is narrower than 1 rad. No step is longer than 10 ms: psi' may come to a stop by dry friction while psi'' was
-    small where the step began. Lanes that are done get a length of 0. Returns how many lanes stand
-    on two feet or move too fast.
+    accelerations' peak is narrower than 1 rad. No step is longer than 10 ms: psi' may come to a
+    stop by dry friction while psi'' was small where the step began. Lanes that are done get a
+    length of 0. Returns how many lanes stand on two feet or move too fast.
     """
     unusual = 0
     for lane in range(LANES):
