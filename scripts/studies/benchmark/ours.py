@@ -1,7 +1,7 @@
 """Speed of this package: `python -m scripts.studies.benchmark.ours SETTINGS`.
 
-The environments replay recorded walks: states on an optimal gait, and the actions with which an LQR
-holds it. That times the simulator without the LQR, on the motion that matters. Without feedback a
+But for `played`, environments replay recorded walks: states on an optimal gait, and the actions
+with which an LQR holds it. That times the simulator without the LQR, on the motion that matters. Without feedback a
 gait is unstable, so walks are short: after 2 s, simulators that agree to rounding error still walk
 alike.
 """
@@ -124,6 +124,23 @@ def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
     return replayed(replay, seconds)
 
 
+def played(seconds: float, folder: str, n: int) -> dict[str, Any]:
+    """The vector environment under random actions, after a while of them: most wheels stand."""
+    import gymnasium as gym
+
+    envs: Any = gym.make_vec("rimless_gym:RimlessWheel-v0", num_envs=n, params=PRESET)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (WINDOW, n, 1)).astype(np.float32)
+    envs.reset(seed=0)
+    stepped(envs, actions)
+    begin = envs.unwrapped.get_state()
+
+    def replay() -> tuple[int, float, float]:
+        envs.unwrapped.set_state(begin)
+        return n * WINDOW, stepped(envs, actions), 0.0
+
+    return replayed(replay, seconds)
+
+
 def stepped(env: Any, actions: NDArray[np.float32]) -> float:
     """The seconds that an environment takes for some actions, one after the other."""
     given = list(actions)
@@ -210,6 +227,7 @@ def recorded_walks() -> Walks:
 MEASURES = {
     "single": single,
     "vector": vector,
+    "played": played,
     "optimisation": optimisation,
     "fresh": fresh,
 }

@@ -64,6 +64,15 @@ ROWS = (
         )
         for n in SIZES
     ),
+    BenchmarkRow(
+        f"ours-random-{SIZES[0]}",
+        VECTOR,
+        "**rimless-gym**, random actions",
+        OURS,
+        "played",
+        {"n": SIZES[0]},
+        "the same; most wheels stand, and the motor reverses often: 3.5 integration steps each",
+    ),
     *(
         BenchmarkRow(
             f"cartpole-vector-{n}",
