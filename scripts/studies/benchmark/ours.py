@@ -1,9 +1,9 @@
 """Speed of this package: `python -m scripts.studies.benchmark.ours SETTINGS`.
 
 But for `played`, environments replay recorded walks: states on an optimal gait, and the actions
-with which an LQR holds it. That times the simulator without the LQR, on the motion that matters. Without feedback a
-gait is unstable, so walks are short: after 2 s, simulators that agree to rounding error still walk
-alike.
+with which an LQR holds it. That times the simulator without the LQR, on the motion that matters.
+Without feedback a gait is unstable, so walks are short: after 2 s, simulators that agree to
+rounding error still walk alike.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ larger steps. What is compared is what a step of a small environment costs its u
 Everything was measured in one run on one computer, in turn, in {rounds} rounds of {seconds:g} s
 each. Rates are medians, followed by the slowest and the fastest round; ratios are medians of ratios
 within a round. Ours replays the actions that an LQR took on an optimal gait, or gets random
-actions like the peers. Drawing actions and resetting are not timed, except that peers' vector environments reset
-their rows within a step."""
+actions like the peers. Drawing actions and resetting are not timed, except that peers' vector
+environments reset their rows within a step."""
 
 OPTIMISATION_TEXT = """\
 ## Trajectory optimisation
