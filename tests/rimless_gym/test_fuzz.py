@@ -384,13 +384,16 @@ def reintegrate(envs, machines, before, actions, running, seen) -> None:
     rows &= (before[:, MODE] != DOUBLE) & [followed(machine) for machine in machines]
     for i in np.flatnonzero(rows)[:1]:
         held = np.repeat(volts(machines[i], actions[i]), envs.control.ticks)
+        start, end = before[i][:4].copy(), envs.states[i]
+        start[1] = math.remainder(start[1], math.tau)  # the reference's errors grow with its angles
+        end[1] += start[1] - before[i][1]
         try:
-            motion = simulate(machines[i], before[i][:4], held, envs.control.period, pull=0.0)
+            motion = simulate(machines[i], start, held, envs.control.period, pull=0.0)
         except RuntimeError:  # the reference's motion diverges or chatters
             return
         if motion.events or motion.failure is not None:  # rounding decides what just touches
             return
-        apart = difference(motion.x[-1], before[i], envs.states[i])
+        apart = difference(motion.x[-1], before[i], end)
         assert apart.max() <= DIFFERENCE, f"{apart} from the reference: {machines[i]}, {before[i]}"
 
 
