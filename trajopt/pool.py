@@ -34,6 +34,9 @@ LOCAL = "local"
 #: Tasks at a time on a cluster whose backend returns lists, and whose size is not given.
 ROUND = 64
 
+#: How often a progress bar shows the time (s).
+TICK = 1.0
+
 #: How often a worker checks that its parent is alive (s).
 WATCH = 0.5
 
@@ -92,7 +95,20 @@ def run(
 def progress_bar(title: str, progress: bool = True, **settings: Any) -> tqdm[Any]:
     """A progress bar with further settings of tqdm; only on a terminal, and not in workers."""
     hidden = not progress or _share.get() is not None
-    return tqdm(desc=title, disable=True if hidden else None, **settings)
+    bar = tqdm(desc=title, disable=True if hidden else None, **settings)
+    if not bar.disable:
+        threading.Thread(target=_keep_time, args=(bar,), daemon=True).start()
+    return bar
+
+
+def _keep_time(bar: tqdm[Any]) -> None:
+    """Show the time of a bar as it passes, also while one of its tasks takes long."""
+    while True:
+        time.sleep(TICK)
+        with bar.get_lock():
+            if bar.disable:  # it is closed
+                return
+            bar.refresh(nolock=True)
 
 
 def announce(text: str) -> None:

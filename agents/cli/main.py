@@ -24,6 +24,7 @@ import tyro
 
 from agents.cli.evaluate import evaluate
 from agents.cli.gait import catalog, gait, warmup
+from agents.cli.identify import identify, log
 from agents.cli.learn import compare, train
 from agents.cli.options import joined_fields
 from agents.cli.watch import data, page, play, watch
@@ -40,6 +41,8 @@ COMMANDS: Mapping[str, Callable[..., int]] = {
     "play": play,
     "page": page,
     "data": data,
+    "log": log,
+    "identify": identify,
     "list": catalog,
     "warmup": warmup,
 }

@@ -118,6 +118,18 @@ def test_progress_appears_on_a_terminal_but_not_of_tasks_side_by_side() -> None:
     assert [text for _, text in run(shown, ["a", "b"], workers=2)] == ["", ""]
 
 
+def test_the_time_of_a_bar_passes_while_a_task_takes_long() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stderr", terminal := Terminal())
+        patch.setattr("trajopt.pool.TICK", 0.01)
+        with progress_bar("gaits", total=2):
+            for _ in range(1000):
+                if terminal.getvalue().count("gaits") > 3:
+                    return
+                time.sleep(0.01)
+    pytest.fail("the bar stands still")
+
+
 @pytest.mark.parametrize(
     "function",
     [periodic_gait, cot_front, multi_start, evaluate, evaluate_commanded, train, gap_to_optimum],

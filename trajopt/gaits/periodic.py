@@ -58,6 +58,9 @@ MOST_WARM_STARTS, SECOND_WARM_START = 3, 0.06
 #: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 
+#: The speed (m/s) where none is asked for.
+USUAL_SPEED = 0.62
+
 #: Speeds (m/s) that differ by less are the same.
 SAME = 1e-9
 
@@ -85,10 +88,11 @@ class NoGaitError(ValueError):
 
 def periodic_gait(
     params: Machine,
-    speed: float = 0.62,
+    speed: float | None = None,
     steps: int = 1,
     regeneration: bool = False,
     *,
+    step_time: float | None = None,
     double_stance: bool = False,
     hold: float | None = None,
     starts: int | None = None,
@@ -115,9 +119,11 @@ def periodic_gait(
         params: the machine, a preset's name, or a dictionary of fields that differ from the
             default's.
         speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly unless
-            there is a `hold`.
+            there is a `hold`; by default `USUAL_SPEED`.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
+        step_time: mean time of a step (s) instead of a speed: what changed machines have in common
+            under a clock.
         double_stance: whether the wheel lands at rest once in a stride, stands on two feet, and
             lifts off again. Such gaits are continued from a guess or from shipped ones; where there
             is neither, from gaits with as many steps, with a short stop.
@@ -140,6 +146,11 @@ def periodic_gait(
         ValueError: an argument is out of its range.
     """
     params = as_params(params)
+    if step_time is not None:
+        if speed is not None:
+            raise ValueError(f"speed = {speed}, step_time = {step_time}: give one of them")
+        speed = params.step_length / positive("step_time", step_time)
+    speed = USUAL_SPEED if speed is None else speed
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     if guess and guess.hold is None:
         anew = verify(guess.params, guess.phases, guess.theta_turns)

@@ -21,7 +21,7 @@ from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
 from agents.experts import EXPERT
 from rimless_gym.presets import PRESETS
-from trajopt import periodic_gait
+from trajopt.gaits.periodic import USUAL_SPEED
 from trajopt.pool import KilledError
 
 #: What the work of a command begins with; it must not be reached with bad input.
@@ -169,7 +169,7 @@ def test_defaults_are_those_of_the_functions_behind_the_commands() -> None:
     assert inspect.signature(train).parameters["expert"].default == EXPERT
     speeds = [inspect.signature(each).parameters.get("speed") for each in COMMANDS.values()]
     defaults = {each.default for each in speeds if each} - {None}
-    assert defaults == {inspect.signature(periodic_gait).parameters["speed"].default}
+    assert defaults == {USUAL_SPEED}
     assert set(get_args(Preset)) == set(PRESETS)
 
 
