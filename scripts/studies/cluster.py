@@ -123,8 +123,12 @@ class Overhead(NamedTuple):
 
 def _sleeping(workers: int) -> Overhead:
     """Measure with so many sleeping workers."""
+    import dask
     from distributed import LocalCluster
 
+    # hundreds of profilers in one process would be all that it does
+    dask.config.set({"distributed.worker.profile.enabled": False})
+    dask.config.set({"distributed.admin.system-monitor.interval": "60s"})
     threads: dict[str, Any] = {"processes": False, "threads_per_worker": 1, "memory_limit": 0}
     silent: dict[str, Any] = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
     with LocalCluster(n_workers=workers, protocol="tcp", **threads, **silent) as local:
