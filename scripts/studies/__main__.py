@@ -27,6 +27,7 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
+    "robustness": "robustness",
     "stop_and_go": "stop_and_go",
     "stops": "fronts.strides",
     "strides": "fronts.strides",
