@@ -25,6 +25,7 @@ STUDIES = {
     "own_wheel": "own_wheel",
     "processors": "processors",
     "publish": "publish",
+    "rests": "fronts.rests",
     "returns": "returns",
     "stop_and_go": "stop_and_go",
     "stops": "fronts.strides",
