@@ -325,7 +325,7 @@ def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
 def test_long_strides_are_shipped_only_where_no_shorter_one_costs_less() -> None:
     old, costlier = known(0.5), costing(2 * known(0.5).cot)
     assert command.chosen([repeated(costlier, 4), old]) == [old]
-    assert command.chosen([repeated(old, 4), costlier]) == [costlier, repeated(old, 4)]
+    assert [gait.steps for gait in command.chosen([repeated(old, 4), costlier])] == [1, 4]
 
 
 def test_a_stride_that_rests_longer_costs_the_idle_power_of_the_rest() -> None:
