@@ -107,13 +107,14 @@ def table(found: dict[str, Any]) -> str:
     head = ["", "rows at once", "walks (1/s)", "random play (1/s)"]
     most = [one for one in found["results"] if one["by"] == "float32"][-1]
     flops, size = (most[name] / most["rows"] for name in ("flops", "bytes"))
-    return (
-        f"{markdown.table(head, rows)}\n\n{found['device']}, jax {found['jax']}. In float32 an "
-        f"attempt at a step is {flops / 1e3:.1f} kflop and moves {size / 1e3:.1f} kB (XLA's "
-        f"count). Doubling an array moved {found['bandwidth'] / 1e12:.1f} TB/s beside it, which allows "
-        f"{markdown.count(found['bandwidth'] / size)} attempts a second; an interval takes two to "
-        "four. So memory is the limit, not arithmetic.\n"
+    limit = (
+        f"{found['device']}, jax {found['jax']}. In float32 an attempt at a step is "
+        f"{flops / 1e3:.1f} kflop and moves {size / 1e3:.1f} kB (XLA's count). Doubling an array "
+        f"moved {found['bandwidth'] / 1e12:.1f} TB/s beside it, which allows "
+        f"{markdown.count(found['bandwidth'] / size)} attempts per second, and an interval takes "
+        "two to four: memory is the limit, not arithmetic."
     )
+    return f"{markdown.table(head, rows)}\n\n{limit}\n"
 
 
 def bandwidth(rows: int) -> float:
