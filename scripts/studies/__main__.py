@@ -15,6 +15,7 @@ STUDIES = {
     "assumptions": "assumptions",
     "benchmark": "benchmark.run",
     "bounds": "bounds",
+    "cluster": "cluster",
     "codesign": "codesign.command",
     "collisionless": "collisionless",
     "feedback": "feedback_laws.command",

@@ -123,11 +123,12 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
     insides = [view.inside() for view in views]
     found, defects, limits = [], [], []
     for i, (view, inside) in enumerate(zip(views, insides, strict=True)):
-        multipliers = _limit_multipliers(transcription, result, i)
         of_x, of_path = scales.phases[i].states, scales.phases[i].path
-        active = (multipliers * np.concatenate([of_x, of_path]) > ACTIVE * scales.cost).any(axis=1)
+        multipliers = _limit_multipliers(transcription, result, i)
+        inactive = multipliers * np.concatenate([of_x, of_path]) < ACTIVE * scales.cost
+        multipliers[inactive] = 0.0
         jump = np.abs(inside.from_left - inside.from_right).max(axis=1) * of_x
-        limited = active & (jump > ACTIVE * scales.cost).any(axis=1)
+        limited = multipliers.any(axis=1) & (jump > ACTIVE * scales.cost).any(axis=1)
         found.append(gaps(view, inside, scales.phases[i], limited))
         defects.append(_defect_cost(view, inside))
         limits.append(_limit_costs(view, multipliers))
