@@ -163,44 +163,52 @@ def periodic_gait(
             f"double_stance = True with hold = {hold}, starts = {starts}: no held gait and no "
             "random start stops; leave both out"
         )
+    search: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
+    search |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
     title = f"gait at {speed:g} m/s"
     with progress_bar(title, progress, bar_format="{desc} ...", leave=False):
         if stops:
             return _stopping(params, speed, steps, regeneration, guess)
         if hold is not None:
             hold = positive("hold", hold)
-            search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
-            search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
-            free = _free_gait(params, (speed, hold), guess, **search_for)
+            free = _free_gait(params, (speed, hold), guess, **search)
             return _held(free, speed, hold, regeneration)
-        known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
-        if starts is None:
-            starts = 0 if known else DEFAULT_STARTS
-        solved, failures = _continued_from(known, params, speed, regeneration)
-        if starts > 0 or not known:
-            search = search_gaits(
-                *(params, speed, steps, regeneration),
-                starts=starts,
-                seed=seed,
-                workers=workers,
-                progress=progress,
-            )
-            least = min((each.extremal.cost for each in solved), default=math.inf)
-            solved += _best_refined(search, WORTH_REFINING * least)
-        if not solved:
-            short = {"workers": workers, "progress": progress, **SHORT_SEARCH}
-            why = _binding(failures) if known else _remedies(params, speed, steps, short)
-            raise NoGaitError(_no_gait(params, speed, steps, why))
-        settings = {"speed": speed, "starts": starts, "seed": seed}
-        already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
-        solutions = []
-        for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
-            solution = finished(params, extremal, turns, regeneration, settings | met)
-            if solution.verification.passed:
-                return least_first([solution, *already], lambda gait: gait.cot)[0]
-            solutions.append(solution)
-        # A slow gait magnifies deviations: solved again it may fail where it passed once.
-        return least_first(already or solutions, lambda gait: gait.cot)[0]
+        return _found(params, speed, guess, **search)
+
+
+def _found(
+    params: WheelParams,
+    speed: float,
+    guess: Solution | None,
+    *,
+    steps: int,
+    regeneration: bool,
+    starts: int | None,
+    **search: Any,
+) -> Solution:
+    """The gait of `periodic_gait` whose voltage is free."""
+    known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
+    if starts is None:
+        starts = 0 if known else DEFAULT_STARTS
+    solved, failures = _continued_from(known, params, speed, regeneration)
+    if starts > 0 or not known:
+        random = search_gaits(params, speed, steps, regeneration, starts=starts, **search)
+        least = min((each.extremal.cost for each in solved), default=math.inf)
+        solved += _best_refined(random, WORTH_REFINING * least)
+    if not solved:
+        short = search | SHORT_SEARCH
+        why = _binding(failures) if known else _remedies(params, speed, steps, short)
+        raise NoGaitError(_no_gait(params, speed, steps, why))
+    settings = {"speed": speed, "starts": starts, "seed": search["seed"]}
+    already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
+    solutions = []
+    for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
+        solution = finished(params, extremal, turns, regeneration, settings | met)
+        if solution.verification.passed:
+            return least_first([solution, *already], lambda gait: gait.cot)[0]
+        solutions.append(solution)
+    # A slow gait magnifies deviations: solved again it may fail where it passed once.
+    return least_first(already or solutions, lambda gait: gait.cot)[0]
 
 
 def _stopping(

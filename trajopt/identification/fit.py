@@ -134,9 +134,13 @@ def identify(
     free: Sequence[str] | None = None,
     *,
     tolerance: float | Mapping[str, float] = TOLERANCE,
+    covariance: Floats | None = None,
     noise: Noise | None = None,
 ) -> Identification:
     """The parameters that explain a log best, near those known before.
+
+    What an earlier log has told is known too, if its `covariance` is given, and its machine as
+    `params`.
 
     Args:
         log: of angles, voltage, stance foot and mode, with or without current and rates.
@@ -144,6 +148,7 @@ def identify(
         free: names of the unknown parameters, numbers of `WheelParams`; by default `physical`.
         tolerance: how well these are known: a standard deviation as a share of each, or by name, in
             its unit; those not named are `TOLERANCE` of their value, or as in `TOLERANCES`.
+        covariance: of all that is known before, (k, k), instead of `tolerance`.
         noise: of the sensors.
 
     Raises:
@@ -154,9 +159,11 @@ def identify(
     require_kind("noise", noise, Noise)
     require_usable(log, params)
     free = physical(params) if free is None else tuple(free)
-    scale = _scales(params, free, tolerance)
+    before = np.diag(_scales(params, free, tolerance) ** 2) if covariance is None else covariance
+    scale = np.sqrt(np.diag(before))
+    prior = np.linalg.inv(before / np.outer(scale, scale))
     channels = [name for name in ("phi", "theta", "current", "dphi", "dtheta") if _has(log, name)]
-    fit = _Fit(log, params, free, scale, tuple(channels), noise)
+    fit = _Fit(log, params, free, scale, prior, tuple(channels), noise)
     starts: dict[int, Floats] = {}
     q = np.zeros(len(free))
     for longest in PASSES:
@@ -180,9 +187,9 @@ def identify(
         for share, v in zip(shares, directions.T, strict=True)
         if share < TOLD
     )
-    covariance = np.linalg.inv(system.told + np.eye(len(free))) * np.outer(scale, scale)
+    after = np.linalg.inv(system.told + prior) * np.outer(scale, scale)
     return Identification(
-        *(machine, params, free, scale, covariance, untold, residuals, chi2, system.compared)
+        *(machine, params, free, scale, after, untold, residuals, chi2, system.compared)
     )
 
 
@@ -264,6 +271,7 @@ class _Fit:
     params: WheelParams
     free: tuple[str, ...]
     scale: Floats
+    prior: Floats  # the information of what is known before, (k, k)
     channels: tuple[str, ...]
     noise: Noise
 
@@ -300,15 +308,14 @@ class _Fit:
         """Gauss and Newton's method with halved steps."""
         system = self.system(pieces, q)
         for _ in range(STEPS):
-            k = len(q)
-            step = np.linalg.solve(system.told + np.eye(k), -system.gradient - q)
-            share, cost = 1.0, system.squares + q @ q
+            step = np.linalg.solve(system.told + self.prior, -system.gradient - self.prior @ q)
+            share, cost = 1.0, system.squares + q @ self.prior @ q
             own, per = system.back
             for _ in range(HALVINGS):
                 further = q + share * step
                 moved = pieces._replace(states=pieces.states + share * (own + per @ step))
                 tried = self.system(moved, further)
-                if tried.squares + further @ further <= cost:
+                if tried.squares + further @ self.prior @ further <= cost:
                     break
                 share /= 2
             else:

@@ -64,6 +64,20 @@ def test_a_slope_is_one_more_unknown() -> None:
     assert found.params.slope == pytest.approx(sloped.slope, abs=np.radians(0.2))
 
 
+def test_windage_and_backlash_that_the_model_lacks_shift_lengths_by_half_a_percent() -> None:
+    """3 % of the power goes into the air, and the gear has half a degree of play."""
+    windy = driven(dataclasses.replace(MACHINE, pendulum_drag=3.5e-5), 3.0)
+    play = np.radians(0.25) * np.sign(windy.current)
+    log = dataclasses.replace(windy, theta=windy.theta + play)
+    with pytest.raises(LogError, match=r"theta is .* standard deviations off"):
+        identify(log, BUILDABLE)
+    angles = dataclasses.replace(log, dphi=None, dtheta=None)
+    found = identify(angles, BUILDABLE, noise=Noise(angle=3e-3)).params
+    assert found.pendulum_length == pytest.approx(MACHINE.pendulum_length, rel=5e-3)
+    assert found.leg_length == pytest.approx(MACHINE.leg_length, rel=5e-3)
+    assert found.motor_constant == pytest.approx(MACHINE.motor_constant, rel=1e-2)
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_a_log_is_read_as_it_was_written(log: Log, tmp_path: Path, suffix: str) -> None:
     file = tmp_path / f"log{suffix}"
