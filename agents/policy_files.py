@@ -23,7 +23,14 @@ from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts, Training, learner_class
-from agents.rollout import Policy, Predictor, Seeing, controller_policy, learned_policy
+from agents.rollout import (
+    AdaptivePolicy,
+    Policy,
+    Predictor,
+    Seeing,
+    controller_policy,
+    learned_policy,
+)
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import (
     LEG_RATE_SCALE,
@@ -33,8 +40,9 @@ from rimless_gym.envs.layout import (
 )
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
-from rimless_gym.presets import BUILDABLE, Machine, as_params
+from rimless_gym.presets import BUILDABLE, Machine, as_params, nearest_preset
 from trajopt.feedback import laws
+from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 from trajopt.store import digest, provenance, read_arrays, write_arrays
@@ -86,6 +94,11 @@ class TrainingEffort(NamedTuple):
     def of(cls, record: Mapping[str, Any]) -> TrainingEffort:
         """That in the record of a policy."""
         return cls(*(record.get(name) for name in cls._fields))
+
+
+#: The controller that identifies its machine (`trajopt.feedback.adaptive`). It is designed for the
+#: nearest preset, and walks on the machine that is given.
+ADAPTIVE = "adaptive"
 
 
 class CheckpointError(ValueError):
@@ -352,6 +365,10 @@ def named_policy(
             )
         policy = controller_policy(gait.params, laws.design(name, gait))
         return NamedPolicy(policy, Conditions(gait.params), name, gait=gait)
+    if name == ADAPTIVE:
+        nominal = nearest_preset(params or BUILDABLE)
+        adaptive = AdaptivePolicy(AdaptiveController.about(gait := gait_for(nominal)))
+        return NamedPolicy(adaptive, Conditions(params or nominal), name, gait=gait)
     if ":" in name and not Path(name).exists():
         return NamedPolicy(_imported(name), Conditions(params or BUILDABLE), name)
     loaded = load_policy(name, params, trust_pickle=trust_pickle)

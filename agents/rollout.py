@@ -23,9 +23,10 @@ from rimless_gym.envs.layout import (
 from rimless_gym.envs.starts import draw_start
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, MODE_NAMES
-from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
+from rimless_gym.kernel.stepping import FOOT, MODE, PHI, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
+from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.law import Controller, Floats, require_machine
 from trajopt.pool import progress_bar
 
@@ -38,6 +39,32 @@ Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
 
 #: observations (N, 6 or 8) -> actions (N,) in [-1, 1]: the deterministic policy of a learner.
 Act: TypeAlias = Callable[[NDArray[np.float32]], Floats]
+
+
+@dataclasses.dataclass(frozen=True)
+class AdaptivePolicy:
+    """An adaptive controller as a policy; by itself, it takes every call for a walk's first.
+
+    Attributes:
+        controller: in volts, clipped to the limit of its machine.
+    """
+
+    controller: AdaptiveController
+
+    def begin(self, n: int, running: Callable[[], NDArray[np.int64]]) -> Policy:
+        """The policy of `n` walks that begin now; `running` are those that it is called for."""
+        walks, limit = self.controller.begin(n), self.controller.params.voltage_limit
+
+        def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
+            modes = states[:, MODE].astype(np.int64)
+            volts = walks(running(), states[:, :4], modes, states[:, FOOT])
+            return np.clip(volts / limit, -1.0, 1.0)
+
+        return policy
+
+    def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
+        """The actions (N,) in [-1, 1]."""
+        return self.begin(len(states), lambda: np.arange(len(states)))(states, observations)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -244,9 +271,12 @@ class Rollout:
         self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
         self._seen, _ = self._envs.reset(seed=seed, options=begin)
         self._policy, self._n_intervals = policy, n_intervals
+        self.running = np.arange(len(starts))
+        begin_walks = getattr(policy, "begin", None)  # of a policy with memory, `AdaptivePolicy`
+        if begin_walks is not None:
+            self._policy = begin_walks(len(starts), lambda: self.running)
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
-        self.running = np.arange(len(starts))
 
     def command(self, speed: float | Floats) -> None:
         """Command another speed (m/s), one or one to each walk; it is observed an interval later.

@@ -66,9 +66,15 @@ def preset(name: str) -> WheelParams:
     return PRESETS[name]
 
 
+def nearest_preset(params: WheelParams) -> WheelParams:
+    """The preset from which a machine differs in the fewest fields."""
+    return min(PRESETS.values(), key=lambda preset: len(params.differences(preset)))
+
+
 def machine_name(params: WheelParams) -> str:
     """The preset that a machine is, or the preset that it differs least from, and how."""
-    name, nearest = min(PRESETS.items(), key=lambda item: len(params.differences(item[1])))
+    nearest = nearest_preset(params)
+    name = next(name for name, preset in PRESETS.items() if preset == nearest)
     different = ", ".join(params.differences(nearest))
     return f"{name} but for {different}" if different else name
 

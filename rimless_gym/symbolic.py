@@ -99,6 +99,7 @@ class HybridModel:
             "electrical_power": ([x, u], (_eq.electrical_power(rate, u, p),)),
             "losses": ([x, u], _eq.losses(dphi, rate, _eq.relative_rate(ddphi, ddtheta, p), u, p)),
             "losses_double_stance": ([x, u], _eq.losses(0, dtheta, standing, u, p)),
+            "motor_current": ([x, u], (_eq.motor_current(rate, u, p),)),
             "motor_torque": ([x, u], (_eq.motor_torque(rate, u, p),)),
             "relative_rate": ([x], (rate,)),
             "mechanical_energy": ([x], (_eq.mechanical_energy(phi, theta, dphi, dtheta, p),)),

@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from trajopt.gaits.periodic import NoGaitError, periodic_gait
     from trajopt.gaits.solution import Solution
     from trajopt.gaits.verify import Verification
+    from trajopt.identification import Identification, Log, LogError, Noise, identify
     from trajopt.ocp.constraints import Constraint, InfeasibleBoundsError, equal, nonnegative
     from trajopt.ocp.continuation import Curve, continued
     from trajopt.ocp.extremal import Extremal, ExtremalFileError, load_phases
@@ -29,10 +30,14 @@ __all__ = [
     "Curve",
     "Extremal",
     "ExtremalFileError",
+    "Identification",
     "InfeasibleBoundsError",
     "Linkage",
+    "Log",
+    "LogError",
     "Mesh",
     "NoGaitError",
+    "Noise",
     "Phase",
     "PhaseTrajectory",
     "Problem",
@@ -43,6 +48,7 @@ __all__ = [
     "continued",
     "cot_front",
     "equal",
+    "identify",
     "load_phases",
     "multi_start",
     "nonnegative",
@@ -56,6 +62,7 @@ _MODULES = {
     "gaits.periodic": ("NoGaitError", "periodic_gait"),
     "gaits.solution": ("Solution",),
     "gaits.verify": ("Verification",),
+    "identification": ("Identification", "Log", "LogError", "Noise", "identify"),
     "ocp.constraints": ("Constraint", "InfeasibleBoundsError", "equal", "nonnegative"),
     "ocp.continuation": ("Curve", "continued"),
     "ocp.extremal": ("Extremal", "ExtremalFileError", "load_phases"),

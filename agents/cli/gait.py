@@ -96,14 +96,14 @@ def gait(
 def catalog() -> int:
     """List policies, feedback laws, learners, machines and shipped gaits."""
     from agents.learner import LEARNERS
-    from agents.policy_files import PRETRAINED
+    from agents.policy_files import ADAPTIVE, PRETRAINED
     from rimless_gym.presets import PRESETS
     from trajopt.feedback import laws
     from trajopt.gaits.library import index
 
     for title, names in (
         ("policies", PRETRAINED),
-        ("feedback laws", laws.names()),
+        ("feedback laws", [*laws.names(), ADAPTIVE]),
         ("learners", sorted(LEARNERS)),
     ):
         print(f"{title}: {', '.join(names)}")

@@ -53,7 +53,7 @@ def positive(text: str) -> float:
 
 
 def fields(text: str) -> dict[str, Any]:
-    """Reads fields from a JSON object, or from key=value, one a line.
+    """Reads fields from a JSON object, a file that holds one, or from key=value, one a line.
 
     Dots lead into objects (pushes.rate=0.5). Values are JSON, or else texts.
     """
@@ -67,7 +67,7 @@ def fields(text: str) -> dict[str, Any]:
                 place = place.setdefault(each, {})
             place[name] = _json(value, value)
         return values
-    found = _json(text, None)
+    found = _json(Path(text).read_text() if text.endswith(".json") else text, None)
     if not isinstance(found, dict):
         raise ValueError(f"{text[:200]!r}: must be a JSON object {{...}}, or key=value")
     return found
@@ -127,6 +127,7 @@ Positive = Annotated[float, one("NUMBER", positive)]
 MaybeCount = Annotated[int | None, one("INT", whole(1)), NO_DEFAULT]
 MaybeWhole = Annotated[int | None, one("INT", whole(0)), NO_DEFAULT]
 MaybePositive = Annotated[float | None, one("NUMBER", positive), NO_DEFAULT]
+MaybeAddress = Annotated[str | None, one("ADDRESS", str), NO_DEFAULT]
 MaybePath = Annotated[Path | None, one("PATH", Path), NO_DEFAULT]
 
 #: Two numbers, the lesser first.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 from rimless_gym import params as machines
 from rimless_gym import rules
 from rimless_gym.envs import EPISODE_STEPS, disturbances, layout, starts, task
+from rimless_gym.envs.arguments import Control
 from rimless_gym.envs.disturbances import Ranges
 from rimless_gym.envs.starts import USUAL_STARTS, Starts
 from rimless_gym.envs.task import USUAL_TASK, Task
@@ -34,7 +36,7 @@ _task = joined(
             *("weight_of", "leg_angle_of", "step_length_of", "reach_of", "rod_reach"),
             "constants_of",
         ),
-        layout: ("observation", "observed_command", "_within", "ends_episode"),
+        layout: ("observation", "observed_command", "_within"),
         rules: ("exceeds",),
         starts: ("draw_state", "greatest_force"),
         disturbances: ("between",),
@@ -101,6 +103,7 @@ class WheelEnv:
         starts: shares of the kinds of start.
         ranges: parameters of the machine drawn for each episode.
         speeds: the least and the greatest speed that is commanded (m/s); None for no command.
+        control_period: length of a step (s), see `RimlessWheelEnv`.
         dtype: "float32" or "float64".
 
     Raises:
@@ -112,10 +115,12 @@ class WheelEnv:
     starts: Starts = USUAL_STARTS
     ranges: Ranges | None = None
     speeds: tuple[float, float] | None = None
+    control_period: float = CONTROL_PERIOD
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
         require_steppable(as_params(self.params))
+        Control(self.control_period)  # refuses other periods
         if self.dtype not in NUMERICS:
             raise ValueError(f"dtype = {self.dtype!r}: choose from {', '.join(NUMERICS)}")
         if self.dtype == "float64" and not jax.config.jax_enable_x64:
@@ -127,7 +132,7 @@ class WheelEnv:
     @property
     def default_params(self) -> EnvParams:
         """Episodes of 20 s."""
-        return EnvParams()
+        return EnvParams(math.ceil(EPISODE_STEPS * CONTROL_PERIOD / self.control_period - 1e-9))
 
     def action_space(self, params: EnvParams | None = None) -> Box:
         """Share of the voltage limit, (1,)."""
@@ -205,7 +210,7 @@ class WheelEnv:
             **totals._asdict(),
             idle=known.idle_power * totals.elapsed,
             rewarded_travel=travel,
-            failed=_task.ends_episode(totals.failure) * 1.0,
+            failed=(totals.failure != OK) * 1.0,
         )
         terms = [getattr(_task, term.__name__)(interval, known, self.task) for term in task.TERMS]
         reward = functools.reduce(jnp.add, terms)
@@ -222,7 +227,8 @@ class WheelEnv:
         forward and in reverse mode, through touchdowns.
         """
         given = state.wheel, jnp.asarray(volts, self.dtype), state.drawn
-        wheel, totals = advance(*given, lambda drawn: self._machine(drawn)[0], CONTROL_PERIOD)
+        period = self.control_period
+        wheel, totals = advance(*given, lambda drawn: self._machine(drawn)[0], period)
         turns = jax.lax.stop_gradient(jnp.round(wheel.theta / (2 * np.pi)))
         return wheel._replace(theta=wheel.theta - 2 * np.pi * turns), totals
 

@@ -132,15 +132,17 @@ def advance(
         run = _finished(run, volts, machine, duration, LEVELS)
         return _end(state, run, machine, duration)
 
-    one = jax.custom_batching.custom_vmap(together)
+    one, many = (jax.custom_batching.custom_vmap(together) for _ in range(2))
 
     @one.def_vmap
     def _(rows: int, batched: Any, *given: Any) -> Any:
-        every = jax.tree.map(
-            lambda x, b: x if b else jnp.broadcast_to(x, (rows, *x.shape)), given, tuple(batched)
-        )
-        out = together(*every)
-        return out, jax.tree.map(lambda _: True, out)
+        return _marked(many(*_repeated(rows, batched, given)))
+
+    @many.def_vmap
+    def _(groups: int, batched: Any, *given: Any) -> Any:  # their rows are moved together
+        given = _repeated(groups, batched, given)
+        out = many(*jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), given))
+        return _marked(jax.tree.map(lambda x: x.reshape(groups, -1, *x.shape[1:]), out))
 
     result = jax.custom_jvp(one)
 
@@ -159,6 +161,18 @@ def advance(
         return out, jax.tree.map(lambda x, matrix: _product(x, matrix, change), out, matrices)
 
     return result(state, volts, dict(drawn))
+
+
+def _repeated(rows: int, batched: Any, given: Any) -> Any:
+    """Arguments of a function of rows, each with a row for each."""
+    return jax.tree.map(
+        lambda x, b: x if b else jnp.broadcast_to(x, (rows, *x.shape)), given, tuple(batched)
+    )
+
+
+def _marked(out: Any) -> Any:
+    """Results of which all have rows, as `def_vmap` wants them."""
+    return out, jax.tree.map(lambda _: True, out)
 
 
 def _product(x: Any, matrix: Any, change: Any) -> Any:
@@ -256,7 +270,11 @@ def _planned(run: _Interval, u: Any, machine: Machine) -> Any:
     if not _absent(p.F0):
         rubbing = traced.friction_rate(y, acc, jnp.minimum(rate, 2 * MAX_RATE), u, p)
         fastest = jnp.maximum(fastest, rubbing)
-    return left / stop_gradient(jnp.ceil(jnp.maximum(left * fastest / length, 0.5)))
+    if not _absent(p.Cp):
+        fastest = jnp.maximum(fastest, traced.windage_rate(y, acc, p))
+    longest = 0.999 * left / CONTROL_PERIOD  # rounding adds no step
+    steps = jnp.ceil(jnp.maximum(jnp.maximum(left * fastest / length, longest), 0.5))
+    return left / stop_gradient(steps)
 
 
 def _integrated(

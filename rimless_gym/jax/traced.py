@@ -73,7 +73,10 @@ traced = joined(
             *("after_touchdown", "after_lift_off"),
         ),
         integration: ("quintic", "value", "slope", "derivative", "negative", "upward_root"),
-        attempt: ("peak", "friction_rate", "past_guard", "between", "reversal"),
+        attempt: (
+            *("peak", "friction_rate", "windage_rate"),
+            *("past_guard", "between", "reversal"),
+        ),
         accounting: ("_crossings", "_passed", "_zero"),
     },
     jnp.where,

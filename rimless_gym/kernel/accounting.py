@@ -180,6 +180,7 @@ def measure(tile, pull):
         reach = 0.5 * h * max(abs(y.dphi), abs(end.dphi))
         near = touchdown_guard(1, max(y.phi, end.phi) + reach, p) >= 0.0
         near = near or touchdown_guard(-1, min(y.phi, end.phi) - reach, p) >= 0.0
+        near = tile[slot.FOOT_PULL + lane] > 0.0 if mode == DOUBLE else near
         swing = y.dtheta * y.dtheta + end.dtheta * end.dtheta + abs(acc.ddtheta)
         swing += abs(acc_end.ddtheta)
         roll = y.dphi * y.dphi + end.dphi * end.dphi + abs(acc.ddphi) + abs(acc_end.ddphi)
@@ -188,7 +189,7 @@ def measure(tile, pull):
         kink = crosses_kink(y.dphi, end.dphi, p)
         sane = max(abs(end.dphi), abs(end.dtheta)) <= MAX_RATE
         sane = sane and tile[slot.FAR + lane] <= MAX_TURN * MAX_TURN
-        common = sane and not (near or light or kink or mode == DOUBLE)
+        common = sane and not (near or light or kink)
         common = common and tile[slot.GOAL + lane] == 0.0 and tile[slot.CUT + lane] == 0.0
         waits = tile[slot.LEFT + lane] <= 0.0 or tile[slot.FAILURE + lane] != OK
         rate, rate_end = relative_rate(y.dphi, y.dtheta, p), relative_rate(end.dphi, end.dtheta, p)

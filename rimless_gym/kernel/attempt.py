@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rimless_gym.equations import DOUBLE, SINGLE, State
@@ -111,18 +113,26 @@ def friction_rate(y, acc, rate, u, p):
     return max(steepest, loading * (1 / MAX_BEND_STEP))
 
 
+@inlined
+def windage_rate(y, acc, p):
+    """How fast (1/s) theta' crosses the width w in which the air's torque bends: 0 without it."""
+    exists = 1.0 if p.Cp > 0.0 else 0.0
+    reversing = exists * abs(acc.ddtheta) / np.sqrt(y.dtheta * y.dtheta + p.w * p.w)
+    return reversing * (1 / MAX_BEND_STEP)
+
+
 @vectorised
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
-    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half
-    of the time left adds to it; it counts for more where the accelerations' peak is narrower than
-    1 rad. No step is longer than 10 ms: psi' may come to a stop by dry friction while psi'' was
-    small where the step began. Lanes that are done get a length of 0. Returns how many lanes stand
-    on two feet or move too fast.
+    drag, for where these bend, and for the fastest rate in the equations. That is the rate of
+    phi + theta, with what half of the time left adds to it; it counts for more where the
+    accelerations' peak is narrower than 1 rad. No step is longer than 10 ms: psi' may come to a
+    stop by dry friction while psi'' was small where the step began. Lanes that are done get a
+    length of 0. Returns how many lanes stand on two feet, and how many move too fast.
     """
-    unusual = 0
+    standing = fast = 0
     for lane in range(LANES):
         p, acc = constants(tile, lane), get_acc(tile, slot.ACC, lane)
         y = get_state(tile, slot.STATE, lane)
@@ -134,13 +144,38 @@ def plan(tile):
         braking = drag_pole(rolling, swinging, p)
         damping = (tile[slot.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[slot.VOLTAGE + lane], p)
-        fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1 / CONTROL_PERIOD)
+        bending = max(rubbing, windage_rate(y, acc, p))
+        fastest = max(damping, turning * (1 / MAX_RATE_STEP), bending, 1 / CONTROL_PERIOD)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
         runs = left > 0.0 and tile[slot.FAILURE + lane] == OK
         tile[slot.STEP + lane] = h if runs else 0.0
-        usual = tile[slot.MODE + lane] == SINGLE and max(abs(y.dphi), abs(y.dtheta)) <= MAX_RATE
-        unusual += 0 if usual else 1
-    return unusual
+        slow = max(abs(y.dphi), abs(y.dtheta)) <= MAX_RATE
+        standing += 1 if runs and tile[slot.MODE + lane] == DOUBLE else 0
+        fast += 1 if runs and not slow else 0
+    return standing, fast
+
+
+def _feet(quantity: np.int64) -> Callable[..., int]:
+    @vectorised
+    def pull_feet(tile):
+        """Set FOOT_PULL to the lift-off guard in a state; returns in how many lanes it is passed.
+
+        Only lanes that make an attempt on two feet count.
+        """
+        lifting = 0
+        for lane in range(LANES):
+            y, p = get_state(tile, quantity, lane), constants(tile, lane)
+            guard = lift_off_guard(y.theta, y.dtheta, tile[slot.VOLTAGE + lane], p)
+            tile[slot.FOOT_PULL + lane] = guard
+            stands = tile[slot.MODE + lane] == DOUBLE and tile[slot.STEP + lane] > 0.0
+            lifting += 1 if stands and guard > 0.0 else 0
+        return lifting
+
+    pull_feet.__qualname__ = f"pull_feet_{quantity}"
+    return pull_feet
+
+
+pull_feet_at_start, pull_feet_at_end = _feet(slot.STATE), _feet(slot.NEXT)
 
 
 @inner
@@ -148,10 +183,9 @@ def prepare(tile, lane, pull):
     """Before a new step of a lane on two feet: lift off if a foot would have to be pulled down."""
     if not runs(tile, lane) or tile[slot.ATTEMPT + lane] >= 0.0:
         return
-    y, u, p = get_state(tile, slot.STATE, lane), tile[slot.VOLTAGE + lane], constants(tile, lane)
     if too_fast(tile, lane) or tile[slot.MODE + lane] == SINGLE:
         return
-    if force_guard(LIFT_OFF, float(DOUBLE), y, u, pull, p) > 0.0:
+    if tile[slot.FOOT_PULL + lane] > 0.0:
         if tile[slot.EVENTS + lane] == 0.0:  # at this voltage it never stood on two feet
             forget_extremes(tile, lane)
         lift_off(tile, lane, pull)
@@ -219,11 +253,15 @@ def attempt_step(tile, count, duration, pull):
     one_copy()
     for lane in range(count, LANES):
         tile[slot.LEFT + lane] = 0.0
-    if plan(tile):
+    standing, fast = plan(tile)
+    lifting = pull_feet_at_start(tile) if standing else 0
+    if fast or lifting:
         for lane in range(count):
             prepare(tile, lane, pull)
-        plan(tile)
+        standing, _ = plan(tile)
     rk8(tile)
+    if standing:
+        pull_feet_at_end(tile)
     current, split, flagged = measure(tile, pull)
     if current:
         split_at_current(tile)
@@ -378,7 +416,7 @@ def check_attempt(tile, lane, pull):
                 tile[slot.HIGH + lane] = s_past * h
                 tile[slot.ATTEMPT + lane] = s * h
                 return False
-        elif force_guard(LIFT_OFF, mode, end, u, pull, p) > 0.0:
+        elif tile[slot.FOOT_PULL + lane] > 0.0:
             _aim_at_force(tile, lane, LIFT_OFF, end, h, pull)
             return False
     elif not (_lands(tile, lane, goal, h) if abs(goal) == 1 else _lets_go(tile, lane, goal, pull)):

@@ -3,8 +3,8 @@
 Wheels are advanced `LANES` at a time, in a tile (`rimless_gym.kernel.tile`), by attempts at steps
 that vectorise: integrate, measure, accept. A lane whose attempt ran into an event is handled by
 itself and makes another attempt (`rimless_gym.kernel.attempt`). Wheels that need more than one step
-wait until there are enough of them to fill a tile. A wheel's motion is the same to the last bit
-whatever moves beside it.
+gather in a second tile, which steps on whenever it is full. A wheel's motion is the same to the
+last bit whatever moves beside it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rimless_gym.jit import ROLLOUTS, cached, inner
 from rimless_gym.kernel import tile as slot
 from rimless_gym.kernel.accounting import open_interval
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
-from rimless_gym.kernel.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
+from rimless_gym.kernel.tile import CARRIED, LANES, MACHINE_END, TILE_SIZE, copy_lanes, one_copy
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
 
@@ -44,8 +44,7 @@ class HybridState(NamedTuple):
 STATE_SIZE = len(HybridState._fields)
 PHI, THETA, DPHI, DTHETA, MODE, FOOT = HybridState(*range(STATE_SIZE))
 
-_QUEUE = 2 * TILE_SIZE  # where in the work space wheels wait for another step
-SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
+SCRATCH_SIZE = 2 * TILE_SIZE + 1
 
 #: Fastest motor pole (1/s). At this pole 10 ms take 700 steps, a millisecond of computing.
 MAX_POLE = 1e4
@@ -119,33 +118,39 @@ def store_lane(tile, lane, states, out, stride):
 
 
 @inner
-def enqueue(tile, count, work, waiting):
-    """Add the lanes that need another step to those waiting; returns how many wait now."""
+def gather(tile, count, other, many):
+    """Move lanes that need another step to free lanes of another tile; returns how many are left.
+
+    `many` is whether machines differ.
+    """
+    left, free = 0, 0
     for lane in range(count):
         if runs(tile, lane):
-            place = _QUEUE + waiting * CARRIED
-            for quantity in range(CARRIED):
-                work[place + quantity] = tile[quantity * LANES + lane]
-            waiting += 1
-    return waiting
+            while free < LANES and runs(other, free):
+                free += 1
+            if free == LANES:
+                left += 1
+                continue
+            for quantity in range(MACHINE_END if many else CARRIED):
+                other[quantity * LANES + free] = tile[quantity * LANES + lane]
+            tile[slot.LEFT + lane] = 0.0
+    return left
 
 
 @inner
-def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, duration, pull):
-    """A step for a tile of waiting wheels; returns how many wait afterwards."""
-    count = min(waiting, LANES)
-    waiting -= count
-    for lane in range(count):
-        place = _QUEUE + (waiting + lane) * CARRIED
-        for quantity in range(CARRIED):
-            tile[quantity * LANES + lane] = work[place + quantity]
-        if constants.shape[1] > 1:
-            load_machine(tile, lane, constants, poles, int(tile[slot.INDEX + lane]))
-    attempt_again(tile, count, duration, pull)
-    for lane in range(count):
-        if not runs(tile, lane):
+def step_on(tile, states, out, stride, duration, pull):
+    """Another step in the lanes that need one; wheels that are done then are written back.
+
+    Returns how many are not.
+    """
+    ran = 0
+    for lane in range(LANES):
+        ran |= int(runs(tile, lane)) << lane
+    unfinished = attempt_again(tile, LANES, duration, pull)
+    for lane in range(LANES):
+        if ran >> lane & 1 and not runs(tile, lane):
             store_lane(tile, lane, states, out, stride)
-    return enqueue(tile, count, work, waiting)
+    return unfinished
 
 
 @cached(ROLLOUTS, nogil=True)
@@ -160,15 +165,18 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
     """
     one_copy()
     flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
-    tile, spare, waiting = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE], 0
-    if constants.shape[1] == 1:
+    tile, spare = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE]
+    many = constants.shape[1] > 1
+    for lane in range(LANES):
+        spare[slot.LEFT + lane] = 0.0
+    if not many:
         share_machine(work, constants, poles)
     else:
         work[-1] = 0.0
     for base in range(first, last, LANES):
         count = min(LANES, last - base)
         load(tile, flat, voltages, base, count, stride)
-        if constants.shape[1] > 1:
+        if many:
             for lane in range(count):
                 load_machine(tile, lane, constants, poles, base + lane)
         open_interval(tile, duration, pull)
@@ -177,12 +185,13 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
             unfinished = attempt_again(tile, count, duration, pull)
         store(tile, flat, flat_out, base, count, stride)
         if unfinished:
-            waiting = enqueue(tile, count, work, waiting)
-        while waiting >= LANES or (waiting and base + count == last):
-            waiting = advance_waiting(
-                *(spare, work, waiting, constants, poles),
-                *(flat, flat_out, stride, duration, pull),
-            )
+            unfinished = gather(tile, count, spare, many)
+        while unfinished:
+            step_on(spare, flat, flat_out, stride, duration, pull)
+            unfinished = gather(tile, count, spare, many)
+    if last - first > LANES:
+        while step_on(spare, flat, flat_out, stride, duration, pull):
+            pass
 
 
 def require_steppable(params: WheelParams) -> None:

@@ -142,6 +142,8 @@ CARRIED = next(_count)  # all above is kept when a wheel waits for another step
 CONSTANTS = _rows(N_CONSTANTS)  # `Constants`
 POLE = _rows(1)  # the motor's (1/s)
 
+MACHINE_END = next(_count)  # up to here, a wheel and its machine
+
 # Results of an attempt.
 STEP = _rows(1)  # its length (s)
 NEXT = _rows(4)  # state after it
@@ -152,6 +154,7 @@ FAR = _rows(1)  # from there to any stage, the greatest sum of the squared turns
 LOST = _rows(len(Losses._fields))  # integrals of the `Losses`
 FORCE_X, FORCE_Y, DEMAND, CLEARANCE = _rows(1), _rows(1), _rows(1), _rows(1)
 NEXT_ENERGY, NEXT_HUB = _rows(1), _rows(1)
+FOOT_PULL = _rows(1)  # on two feet, the lift-off guard at its start or, once it is made, its end
 WORK_ELECTRICAL, WORK_POSITIVE, WORK_SHAFT = _rows(1), _rows(1), _rows(1)
 EVENT = _rows(1)  # on which an accepted step ended
 FLAG = _rows(1)  # what is still to be done about the attempt, one of the following

@@ -249,6 +249,9 @@ def test_a_record_of_larger_networks_than_the_weights_is_refused_before_they_are
         huge = {"policy_kwargs": {"net_arch": units}}
         with pytest.raises(CheckpointError, match=r"net_arch: .* but the weights are of"):
             load_policy(with_record(tmp_path / "huge.zip", **huge))
+    many = {"policy_kwargs": {"n_critics": 10**6}}
+    with pytest.raises(CheckpointError, match=r"n_critics = 1000000: the weights are of others"):
+        load_policy(with_record(tmp_path / "many.zip", **many))
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,9 @@ MOST_WARM_STARTS, SECOND_WARM_START = 3, 0.06
 #: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 
+#: The speed (m/s) where none is asked for.
+USUAL_SPEED = 0.62
+
 #: Speeds (m/s) that differ by less are the same.
 SAME = 1e-9
 
@@ -85,10 +88,11 @@ class NoGaitError(ValueError):
 
 def periodic_gait(
     params: Machine,
-    speed: float = 0.62,
+    speed: float | None = None,
     steps: int = 1,
     regeneration: bool = False,
     *,
+    step_time: float | None = None,
     double_stance: bool = False,
     hold: float | None = None,
     starts: int | None = None,
@@ -115,9 +119,11 @@ def periodic_gait(
         params: the machine, a preset's name, or a dictionary of fields that differ from the
             default's.
         speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly unless
-            there is a `hold`.
+            there is a `hold`; by default `USUAL_SPEED`.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
+        step_time: mean time of a step (s) instead of a speed: what changed machines have in common
+            under a clock.
         double_stance: whether the wheel lands at rest once in a stride, stands on two feet, and
             lifts off again. Such gaits are continued from a guess or from shipped ones; where there
             is neither, from gaits with as many steps, with a short stop.
@@ -140,6 +146,11 @@ def periodic_gait(
         ValueError: an argument is out of its range.
     """
     params = as_params(params)
+    if step_time is not None:
+        if speed is not None:
+            raise ValueError(f"speed = {speed}, step_time = {step_time}: give one of them")
+        speed = params.step_length / positive("step_time", step_time)
+    speed = USUAL_SPEED if speed is None else speed
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     if guess and guess.hold is None:
         anew = verify(guess.params, guess.phases, guess.theta_turns)
@@ -152,44 +163,52 @@ def periodic_gait(
             f"double_stance = True with hold = {hold}, starts = {starts}: no held gait and no "
             "random start stops; leave both out"
         )
+    search: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
+    search |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
     title = f"gait at {speed:g} m/s"
     with progress_bar(title, progress, bar_format="{desc} ...", leave=False):
         if stops:
             return _stopping(params, speed, steps, regeneration, guess)
         if hold is not None:
             hold = positive("hold", hold)
-            search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
-            search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
-            free = _free_gait(params, (speed, hold), guess, **search_for)
+            free = _free_gait(params, (speed, hold), guess, **search)
             return _held(free, speed, hold, regeneration)
-        known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
-        if starts is None:
-            starts = 0 if known else DEFAULT_STARTS
-        solved, failures = _continued_from(known, params, speed, regeneration)
-        if starts > 0 or not known:
-            search = search_gaits(
-                *(params, speed, steps, regeneration),
-                starts=starts,
-                seed=seed,
-                workers=workers,
-                progress=progress,
-            )
-            least = min((each.extremal.cost for each in solved), default=math.inf)
-            solved += _best_refined(search, WORTH_REFINING * least)
-        if not solved:
-            short = {"workers": workers, "progress": progress, **SHORT_SEARCH}
-            why = _binding(failures) if known else _remedies(params, speed, steps, short)
-            raise NoGaitError(_no_gait(params, speed, steps, why))
-        settings = {"speed": speed, "starts": starts, "seed": seed}
-        already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
-        solutions = []
-        for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
-            solution = finished(params, extremal, turns, regeneration, settings | met)
-            if solution.verification.passed:
-                return least_first([solution, *already], lambda gait: gait.cot)[0]
-            solutions.append(solution)
-        # A slow gait magnifies deviations: solved again it may fail where it passed once.
-        return least_first(already or solutions, lambda gait: gait.cot)[0]
+        return _found(params, speed, guess, **search)
+
+
+def _found(
+    params: WheelParams,
+    speed: float,
+    guess: Solution | None,
+    *,
+    steps: int,
+    regeneration: bool,
+    starts: int | None,
+    **search: Any,
+) -> Solution:
+    """The gait of `periodic_gait` whose voltage is free."""
+    known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
+    if starts is None:
+        starts = 0 if known else DEFAULT_STARTS
+    solved, failures = _continued_from(known, params, speed, regeneration)
+    if starts > 0 or not known:
+        random = search_gaits(params, speed, steps, regeneration, starts=starts, **search)
+        least = min((each.extremal.cost for each in solved), default=math.inf)
+        solved += _best_refined(random, WORTH_REFINING * least)
+    if not solved:
+        short = search | SHORT_SEARCH
+        why = _binding(failures) if known else _remedies(params, speed, steps, short)
+        raise NoGaitError(_no_gait(params, speed, steps, why))
+    settings = {"speed": speed, "starts": starts, "seed": search["seed"]}
+    already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
+    solutions = []
+    for extremal, turns, met in least_first(solved, lambda each: each.extremal.cost):
+        solution = finished(params, extremal, turns, regeneration, settings | met)
+        if solution.verification.passed:
+            return least_first([solution, *already], lambda gait: gait.cot)[0]
+        solutions.append(solution)
+    # A slow gait magnifies deviations: solved again it may fail where it passed once.
+    return least_first(already or solutions, lambda gait: gait.cot)[0]
 
 
 def _stopping(

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import Certificate, certificate
+from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.problem import Phase, Problem
@@ -22,12 +22,6 @@ from trajopt.ocp.transcription import Result, Transcription
 
 #: By how much refining the mesh may raise the cost of one and the same optimum (relative).
 SAME_COST = 5e-3
-
-#: Points of the dense grid on an element, less one, and the grid itself: Chebyshev points. A
-#: polynomial of degree 12 is nowhere more than 1.42 times as large as its largest value at 25 of
-#: them (Ehlich and Zeller, 1964). Evenly spread points miss what happens close to the edges.
-SAMPLES = 24
-GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(SAMPLES + 1) / SAMPLES)
 
 #: Steps of the 8th-order integrator per element.
 STEPS = 2
@@ -56,7 +50,8 @@ class Candidate:
         """The errors of every phase."""
         result = self.result
         whole = self.scales.cost + abs(result.cost)
-        gaps = [gap / whole for gap in self.certificate.cost_gaps]
+        costs = zip(self.certificate.cost_gaps, self.certificate.limit_costs, strict=True)
+        gaps = [(control + limits) / whole for control, limits in costs]
         errors = cost_errors(self.transcription, result, self.scales)
         phases = self.transcription.problem.phases
         each = zip(phases, result.phases, self.scales.phases, errors, gaps, strict=True)
@@ -97,7 +92,8 @@ class Quality:
         path_violation: largest violation of each path constraint, shape (M, m).
         cost_error: error of the program's quadrature of costs and integrals, relative to the
             scale + the magnitude of the whole, shape (M,).
-        cost_gap: `Certificate.cost_gaps`, relative to the scale + the magnitude of the cost, (M,).
+        cost_gap: `Certificate.cost_gaps` + `limit_costs`, relative to the scale + the magnitude
+            of the cost, shape (M,).
     """
 
     defect_error: Array

@@ -18,10 +18,11 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import PLACES, Certificate, View
+from trajopt.ocp.certificate import Certificate
 from trajopt.ocp.constraints import Violation, pair
 from trajopt.ocp.layout import evaluated
 from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.pontryagin import PLACES, View
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.resimulation import Resimulation
 from trajopt.ocp.scaling import Scales, scales_of
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
 
-#: What the control of a solution may cost too much, relative to the scale + |cost|.
+#: How far the cost of a solution may be from the least, relative to the scale + |cost|.
 SUBOPTIMAL = 1e-4
 
 #: Simulated states that are off by more than this, relative to their scales, mean nothing.
@@ -47,7 +48,7 @@ SUCCESS = "Solve_Succeeded"
 #: Numbers of one problem differ by less than this on all processors: relative, and absolute.
 SAME_NUMBERS, ROUNDING = 1e-9, 1e-13
 
-FORMAT = "trajopt extremal 4"
+FORMAT = "trajopt extremal 5"
 
 REMEDY = "copy it again, or solve its problem again"
 
@@ -148,7 +149,7 @@ class Extremal:
         """Whether nothing is wrong.
 
         That is: IPOPT succeeded, the mesh is fine enough, limits hold, the forward simulation
-        agrees with the solution, and no other control would clearly cost less.
+        agrees with the solution, and the cost is close to the least by `Certificate.suboptimality`.
         """
         return not self.failures
 
@@ -172,7 +173,7 @@ class Extremal:
                 failures.append(f"simulated, a phase is off by {worst:.1e} (relative)")
         excess = self.certificate.suboptimality / (self.scales.cost + abs(self.cost))
         if not excess <= SUBOPTIMAL:
-            failures.append(f"the control costs about {excess:.1e} (relative) too much")
+            failures.append(f"the cost is about {excess:.1e} (relative) off the least")
         return tuple(failures)
 
     @property
@@ -245,7 +246,8 @@ class Extremal:
         """Everything worth knowing, as text; failures in capitals."""
         elements = ", ".join(str(len(d)) for d in self.mesh.degrees)
         iterations = sum(a.iterations for a in self.attempts)
-        gap = self.certificate.suboptimality
+        certificate = self.certificate
+        gap, control = certificate.suboptimality, sum(g.sum() for g in certificate.cost_gaps)
         lines = [
             f"Optimal control, {len(self.phases)} phase(s), {self.duration:.6g} s",
             f"  outcome              {self.outcome}",
@@ -254,9 +256,9 @@ class Extremal:
             f"error {self.mesh_error:.1e}",
             f"  IPOPT                {len(self.attempts)} run(s), {iterations} iterations",
             f"  scales               {self._scales_in_words()}",
-            f"  Hamiltonian          spread {self.certificate.hamiltonian_spread:.1e}, "
-            f"transversality {self.certificate.transversality_error:.1e}",
-            f"  control              costs about {gap:.1e} too much, by Pontryagin's principle",
+            f"  Hamiltonian          spread {certificate.hamiltonian_spread:.1e}, "
+            f"transversality {certificate.transversality_error:.1e}",
+            f"  suboptimality        about {gap:.1e}, of which the control {control:.1e}",
         ]
         if self.resimulation is not None:
             lines.append(
@@ -309,9 +311,14 @@ class Extremal:
         begins = [0.0, *self._ends[:-1]]
         for i, (phase, path) in enumerate(zip(self.problem.phases, self.phases, strict=True)):
             certificate = self.certificate
-            costates, prices = certificate.costates[i], certificate.prices[i]
-            view = View(phase, path, costates, self.parameters, prices)
-            x, u, slopes = view.inside()
+            multipliers = (
+                certificate.costates[i],
+                self.parameters,
+                certificate.integral_multipliers[i],
+            )
+            view = View(phase, path, *multipliers)
+            inside = view.inside()
+            x, u, slopes = inside.states, inside.controls, inside.costates()
             sides = np.dstack([x, u]), np.dstack([slopes, view.switching(x, u, slopes)])
             edges = begins[i] + path.edges
             times = edges[:-1, None] + path.element_durations[:, None] * PLACES

@@ -10,7 +10,7 @@ import numpy as np
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import pair
 from trajopt.ocp.problem import Phase, Problem
-from trajopt.ocp.scaling import implied_durations
+from trajopt.ocp.scaling import PhaseScales, implied_durations, scales_of
 from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: One trajectory per phase, on any mesh.
@@ -54,7 +54,7 @@ class Waypoints:
         problem: what the guesses are for.
         points: how many points there are at most.
         spread: how far points may lie from the start, on a side without a bound, relative to the
-            distance from start to end (to 1, if that is less).
+            distance from start to end (to its scale along `straight_lines`, if that is less).
     """
 
     problem: Problem
@@ -66,11 +66,16 @@ class Waypoints:
         lines = straight_lines(self.problem)
         if index == 0:
             return lines
-        pairs = zip(self.problem.phases, lines, strict=True)
-        return tuple(self.varied(phase, trajectory, rng) for phase, trajectory in pairs)
+        scales = scales_of(self.problem, lines).phases
+        each = zip(self.problem.phases, lines, scales, strict=True)
+        return tuple(self.varied(*phase, rng) for phase in each)
 
     def varied(
-        self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
+        self,
+        phase: Phase,
+        trajectory: PhaseTrajectory,
+        scales: PhaseScales,
+        rng: np.random.Generator,
     ) -> PhaseTrajectory:
         """A straight line bent through random points."""
         count = int(rng.integers(1, self.points, endpoint=True))
@@ -79,7 +84,8 @@ class Waypoints:
         values = np.hstack([trajectory.state(times), trajectory.control(times)])
         both = zip(phase.state_bounds(), phase.control_bounds(), strict=True)
         lower, upper = (np.concatenate(side) for side in both)
-        width = self.spread * np.maximum(np.abs(values[-1] - values[0]), 1.0)
+        least_width = np.concatenate([scales.states, scales.controls])
+        width = self.spread * np.maximum(np.abs(values[-1] - values[0]), least_width)
         low = np.where(np.isfinite(lower), lower, np.minimum(values[0], upper) - width)
         high = np.where(np.isfinite(upper), upper, np.maximum(values[0], lower) + width)
         values[1:-1] = rng.uniform(low, high, (count, len(low)))

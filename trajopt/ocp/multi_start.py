@@ -9,10 +9,10 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from functools import cached_property, lru_cache, partial
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import cloudpickle
 import numpy as np
@@ -24,6 +24,7 @@ from trajopt.ocp.guesses import Guess
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
+from trajopt.ocp.scaling import Scales, scales_of
 from trajopt.ocp.solve import WARM_BARRIER, minimize, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Transcription
@@ -38,9 +39,9 @@ OPTIONS = {"max_iter": 300}
 #: Most optima in a report.
 REPORTED = 10
 
-#: By how much costs (relative) and states along the phases (relative to 1 + their magnitude) of one
-#: optimum may differ.
-SAME_COST, SAME_STATES = 1e-4, 1e-2
+#: By how much costs (relative, or else relative to their scale) and states along the phases (to
+#: scale + magnitude) of one optimum may differ.
+SAME_COST, SAME_SMALL_COST, SAME_STATES = 1e-4, 1e-9, 1e-2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Outcome:
         parameters: the static parameters.
         iterations: of IPOPT, for all of the start's problems.
         failure: in words; empty if it is a local optimum.
+        scales: along the trajectory.
     """
 
     index: int
@@ -90,6 +92,7 @@ class Outcome:
     parameters: Array
     iterations: int
     failure: str
+    scales: Scales
 
     @cached_property
     def _samples(self) -> list[Array]:
@@ -100,14 +103,17 @@ class Outcome:
         """Whether both are the same optimum, as far as a coarse mesh can tell."""
         if self.kind != other.kind:
             return False
-        if not math.isclose(self.cost, other.cost, rel_tol=SAME_COST, abs_tol=1e-9):
+        tiny = SAME_SMALL_COST * self.scales.cost
+        if not math.isclose(self.cost, other.cost, rel_tol=SAME_COST, abs_tol=tiny):
             return False
         mine, theirs = ([p.duration for p in o.phases] for o in (self, other))
         return np.allclose(mine, theirs, rtol=SAME_STATES) and all(
-            np.all(np.abs(a - b) <= SAME_STATES * (1.0 + np.abs(a).max(axis=0)))
-            for a, b in zip(self._samples, other._samples, strict=True)
+            np.all(np.abs(a - b) <= SAME_STATES * (unit.states + np.abs(a).max(axis=0)))
+            for a, b, unit in zip(self._samples, other._samples, self.scales.phases, strict=True)
         )
 
+
+Ranked = TypeVar("Ranked", Outcome, Extremal)
 
 #: Whether two outcomes are one optimum.
 Same: TypeAlias = Callable[[Outcome, Outcome], bool]
@@ -269,8 +275,7 @@ def best_of(search: Search, count: int = 1, **settings: Any) -> tuple[Extremal, 
         problem = search.start(optimum.best.index).problems[-1]
         guess, parameters = optimum.phases, optimum.best.parameters
         refined.append(solve(problem, guess, search.mesh, parameters=parameters, **settings))
-    ranked = least_first(refined, lambda e: e.cost)
-    return tuple(sorted(ranked, key=lambda e: not e.converged))
+    return tuple(sorted(_best_first(refined), key=lambda e: not e.converged))
 
 
 def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple[Optimum, ...]:
@@ -278,7 +283,7 @@ def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple
     successes = [outcome for outcome in outcomes if not outcome.failure]
     groups: list[list[Outcome]] = []
     in_turn = sorted(successes, key=lambda o: o.index)
-    for outcome in least_first(in_turn, lambda o: o.cost):
+    for outcome in _best_first(in_turn):
         for group in groups:
             if same(group[0], outcome):
                 group.append(outcome)
@@ -286,6 +291,12 @@ def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple
         else:
             groups.append([outcome])
     return tuple(Optimum(g[0], tuple(sorted(o.index for o in g))) for g in groups)
+
+
+def _best_first(found: Sequence[Ranked]) -> list[Ranked]:
+    """In order of cost; the first of those that tie, relative to the cost's scale."""
+    unit = max((each.scales.cost for each in found), default=1.0)
+    return least_first(found, lambda each: each.cost / unit)
 
 
 def _solved(pickled: bytes, index: int) -> Outcome:
@@ -302,7 +313,8 @@ def _solved(pickled: bytes, index: int) -> Outcome:
             break
     failure = "" if result.success else f"{result.status}: {result.worst}"
     solution = result.cost, result.phases, result.parameters
-    return Outcome(index, start.kind, *solution, iterations, failure)
+    scales = scales_of(problem, *solution[1:])
+    return Outcome(index, start.kind, *solution, iterations, failure, scales)
 
 
 @lru_cache(maxsize=1)  # every process makes one transcription for all starts of a search

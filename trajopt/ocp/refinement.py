@@ -121,11 +121,14 @@ def refined(
             excess = max(
                 quality.state_error[e] / tolerances.states, quality.cost_error[e] / tolerances.cost
             )
-            wasteful = quality.cost_gap[e] > tolerances.cost
+            gap = quality.cost_gap[e] / tolerances.cost
+            wasteful = gap > 1.0
             jumps, inside = breaks(trajectory, e, units) if wasteful else [], []
             if wasteful and not jumps:
                 at = wanted[i][wanted[i][:, 0] == e, 1]
                 jumps = at[(at > AT_EDGE) & (at < 1 - AT_EDGE)].tolist()
+            if not jumps:
+                excess = max(excess, gap)
             if jumps or max(excess, limits[i][e]) > 1.0:
                 digits = math.log10(np.clip(excess, 1.0, 1e99))
                 raised = degree + max(1, math.ceil(digits - CLEARLY))

@@ -148,6 +148,7 @@ class _Balance:
     Attributes:
         places: of every phase's units; those of the parameters are the last.
         known: magnitudes along the trajectory, or else of the bounds; 0 if these have none.
+        samples: of every phase, around the trajectory by what is known.
         slopes: of every phase, how large derivatives of its flow are, (nx, nx + nu + np).
         rates: of every phase, how large its flow is, (nx,).
     """
@@ -163,10 +164,12 @@ class _Balance:
         self.parameters = np.arange(first, first + len(p))
         self.count = first + len(p)
         self.known = self._magnitudes()
+        self.samples: list[_Samples] = []
         self.slopes: list[Array] = []
         self.rates: list[Array] = []
         for phase, path, place in zip(problem.phases, trajectory, self.places, strict=True):
             samples = _sampled(phase, path, self.known[place.states], self.known[place.controls])
+            self.samples.append(samples)
             values, slopes = _largest(phase.flow, samples, p), jacobian(phase.flow)
             self.rates.append(values)
             self.slopes.append(_largest(slopes, samples, p).reshape(-1, len(values)).T)
@@ -232,11 +235,10 @@ class _Balance:
                 for j, column in enumerate(columns):
                     if column != state and slopes[i, j] > 0.0:
                         yield ([state], [duration, column]), slopes[i, j]
-        for phase, path, place in zip(
-            self.problem.phases, self.trajectory, self.places, strict=True
+        for phase, samples, place in zip(
+            self.problem.phases, self.samples, self.places, strict=True
         ):
             columns = [*place.states, *place.controls]
-            samples = _sampled(phase, path, self.known[place.states], self.known[place.controls])
             for constraint in filter(None, (phase.path, phase.integral)):
                 orders = _expansion(constraint.function)
                 value, slope, curvature = (_largest(order, samples, self.p) for order in orders)
@@ -320,6 +322,7 @@ def _sampled(phase: Phase, path: PhaseTrajectory, *units: Array) -> _Samples:
     return _Samples(along, (moved[0], moved[1]))
 
 
+@lru_cache(maxsize=64)
 def _directions(*shape: int) -> Array:
     return np.random.default_rng(0).uniform(-1.0, 1.0, (DIRECTIONS, *shape))
 

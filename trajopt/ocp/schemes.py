@@ -214,9 +214,13 @@ def differentiation_matrix(degree: int) -> Array:
 @lru_cache
 def quadrature_weights(degree: int) -> Array:
     """Weights of the Radau points on [0, 1], shape (degree,)."""
-    points = radau_nodes(degree)[1:]
-    s, gauss = np.polynomial.legendre.leggauss(degree)
-    return np.asarray(0.5 * gauss @ lagrange_matrix(points, 0.5 * (s + 1)))
+    return interpolatory_weights(radau_nodes(degree)[1:])
+
+
+def interpolatory_weights(nodes: Array) -> Array:
+    """Integrals over [0, 1] of the Lagrange polynomials of `nodes` (n,), shape (n,)."""
+    s, gauss = np.polynomial.legendre.leggauss(len(nodes))
+    return np.asarray(0.5 * gauss @ lagrange_matrix(nodes, 0.5 * (s + 1)))
 
 
 @lru_cache

@@ -1,9 +1,9 @@
 """Speed of this package: `python -m scripts.studies.benchmark.ours SETTINGS`.
 
-The environments replay recorded walks: states on an optimal gait, and the actions with which an LQR
-holds it. That times the simulator without the LQR, on the motion that matters. Without feedback a
-gait is unstable, so walks are short: after 2 s, simulators that agree to rounding error still walk
-alike.
+But for `played` and `learned`, environments replay recorded walks: states on an optimal gait, and
+the actions with which an LQR holds it. That times the simulator without the LQR, on the motion that
+matters. Without feedback a gait is unstable, so walks are short: after 2 s, simulators that agree
+to rounding error still walk alike.
 """
 
 from __future__ import annotations
@@ -124,6 +124,43 @@ def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
     return replayed(replay, seconds)
 
 
+def played(seconds: float, folder: str, n: int) -> dict[str, Any]:
+    """The vector environment under random actions, after a while of them: most wheels stand."""
+    import gymnasium as gym
+
+    envs: Any = gym.make_vec("rimless_gym:RimlessWheel-v0", num_envs=n, params=PRESET)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (WINDOW, n, 1)).astype(np.float32)
+    envs.reset(seed=0)
+    stepped(envs, actions)
+    begin = envs.unwrapped.get_state()
+
+    def replay() -> tuple[int, float, float]:
+        envs.unwrapped.set_state(begin)
+        return n * WINDOW, stepped(envs, actions), 0.0
+
+    return replayed(replay, seconds)
+
+
+def learned(seconds: float, folder: str, n: int) -> dict[str, Any]:
+    """PPO of stable-baselines3 on the vector environment: its own networks, roll-outs of 64."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    from agents import Sb3VecEnv
+
+    torch.set_num_threads(1)
+    envs = make_vec_env("RimlessWheel-v0", n_envs=n, vec_env_cls=Sb3VecEnv)
+    model = PPO("MlpPolicy", envs, n_steps=64, batch_size=4096, n_epochs=3, device="cpu")
+
+    def replay() -> tuple[int, float, float]:
+        begin = time.perf_counter()
+        model.learn(64 * n, reset_num_timesteps=False)
+        return 64 * n, time.perf_counter() - begin, 0.0
+
+    return replayed(replay, seconds)
+
+
 def stepped(env: Any, actions: NDArray[np.float32]) -> float:
     """The seconds that an environment takes for some actions, one after the other."""
     given = list(actions)
@@ -210,6 +247,8 @@ def recorded_walks() -> Walks:
 MEASURES = {
     "single": single,
     "vector": vector,
+    "played": played,
+    "learned": learned,
     "optimisation": optimisation,
     "fresh": fresh,
 }

@@ -19,9 +19,9 @@ larger steps. What is compared is what a step of a small environment costs its u
 
 Everything was measured in one run on one computer, in turn, in {rounds} rounds of {seconds:g} s
 each. Rates are medians, followed by the slowest and the fastest round; ratios are medians of ratios
-within a round. Ours replays the actions that an LQR took on an optimal gait; peers get random
-actions. Drawing actions and resetting are not timed, except that peers' vector environments reset
-their rows within a step."""
+within a round. Ours replays the actions that an LQR took on an optimal gait, or gets random
+actions like the peers. Drawing actions and resetting are not timed, except that peers' vector
+environments reset their rows within a step."""
 
 OPTIMISATION_TEXT = """\
 ## Trajectory optimisation
@@ -40,6 +40,7 @@ numba's own work in Python; `rimless warmup` does all of it beforehand."""
 #: Our rows in the README, and the peers that each is compared with.
 QUOTED = {
     "ours": ("CartPole-v1", "Acrobot-v1", "InvertedDoublePendulum-v5"),
+    "ours-random-1024": (),
     "ours-vector-1024": ("cartpole-vector-1024", "envpool-acrobot"),
     "ours-vector-16384": ("cartpole-vector-16384", "gymnax-acrobot-one"),
 }

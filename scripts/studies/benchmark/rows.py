@@ -64,6 +64,24 @@ ROWS = (
         )
         for n in SIZES
     ),
+    BenchmarkRow(
+        f"ours-random-{SIZES[0]}",
+        VECTOR,
+        "**rimless-gym**, random actions",
+        OURS,
+        "played",
+        {"n": SIZES[0]},
+        "the same; most wheels stand, and the motor reverses often: 3.5 integration steps each",
+    ),
+    BenchmarkRow(
+        f"ours-ppo-{SIZES[0]}",
+        VECTOR,
+        "**rimless-gym**, PPO of stable-baselines3 included",
+        OURS,
+        "learned",
+        {"n": SIZES[0]},
+        "two networks of 64 x 64, 3 epochs of batches of 4096, roll-outs of 64",
+    ),
     *(
         BenchmarkRow(
             f"cartpole-vector-{n}",

@@ -21,7 +21,7 @@ from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
 from agents.experts import EXPERT
 from rimless_gym.presets import PRESETS
-from trajopt import periodic_gait
+from trajopt.gaits.periodic import USUAL_SPEED
 from trajopt.pool import KilledError
 
 #: What the work of a command begins with; it must not be reached with bad input.
@@ -110,6 +110,7 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
         ("--loud", "Unrecognized options: --loud"),
         ("train --sed 3", "--sed, 3; did you mean --seed?"),
         ("gait --workers 0", "--workers: '0': must be an integer of at least 1"),
+        ("gait --cluster tcp://here:8786", "must be dask://HOST:PORT, ray://HOST:PORT or auto"),
         ("gait --preset x", "invalid choice 'x' for argument '--preset'. Expected one of"),
         ("gait --params PROTOTYPE", "'PROTOTYPE': must be a JSON object {...}, or key=value"),
         ("gait --guess none.npz", "none.npz: no such file"),
@@ -169,7 +170,7 @@ def test_defaults_are_those_of_the_functions_behind_the_commands() -> None:
     assert inspect.signature(train).parameters["expert"].default == EXPERT
     speeds = [inspect.signature(each).parameters.get("speed") for each in COMMANDS.values()]
     defaults = {each.default for each in speeds if each} - {None}
-    assert defaults == {inspect.signature(periodic_gait).parameters["speed"].default}
+    assert defaults == {USUAL_SPEED}
     assert set(get_args(Preset)) == set(PRESETS)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
+from tests.trajopt.ocp.problems import unit_scales
 from trajopt import NoGaitError, periodic_gait
 from trajopt.gaits import verify as verifying
 from trajopt.gaits.library import index, nearest
@@ -142,7 +143,7 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
     shifted = gait.phases[1:] + gait.phases[:1]
     starts = [(gait.phases, 1.0), (shifted, 1.0), (gait.phases, 2.0)]
     outcomes = [
-        Outcome(i, "0", times * gait.cost, phases, np.empty(0), 1, "")
+        Outcome(i, "0", times * gait.cost, phases, np.empty(0), 1, "", unit_scales(4))
         for i, (phases, times) in enumerate(starts)
     ]
     assert [o.starts for o in distinct(outcomes, same_gait)] == [(0, 1), (2,)]

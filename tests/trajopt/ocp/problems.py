@@ -12,7 +12,7 @@ import numpy as np
 
 from scripts.studies.textbook import PROBLEMS
 from trajopt import Extremal, Phase, PhaseTrajectory, Problem, solve
-from trajopt.ocp.scaling import PhaseScales
+from trajopt.ocp.scaling import PhaseScales, Scales
 from trajopt.ocp.schemes import radau_nodes
 
 FREE = math.inf
@@ -77,6 +77,13 @@ def ones(phase: Phase) -> PhaseScales:
     states, controls, *limits = map(np.ones, sizes)
     powers = phase.powers.size1_out(0) if phase.powers else 0
     return PhaseScales(states, controls, 1.0, np.ones(powers), *limits)
+
+
+def unit_scales(states: int) -> Scales:
+    """Scales of one, of a problem of one phase without controls."""
+    none = np.empty(0)
+    phase = PhaseScales(np.ones(states), none, 1.0, none, none, none, none, none)
+    return Scales((phase,), none, none, 1.0)
 
 
 def valley(**bounds: Any) -> Problem:

@@ -280,7 +280,7 @@ def test_a_fixed_durations_price_is_the_hamiltonian() -> None:
     """The regulator's least cost over T is tanh T."""
     found = on("radau", regulator())
     price = 1 - math.tanh(2.0) ** 2
-    assert found.certificate.duration_price == pytest.approx([price], rel=1e-8)
+    assert found.certificate.duration_multipliers == pytest.approx([price], rel=1e-8)
     assert found.certificate.hamiltonian[0] == pytest.approx(price, abs=1e-8)
     assert found.certificate.transversality_error < 1e-9
 
@@ -288,7 +288,7 @@ def test_a_fixed_durations_price_is_the_hamiltonian() -> None:
 @pytest.mark.parametrize("name", ["brachistochrone", "fastest move"])
 def test_a_free_duration_has_no_price(name: str) -> None:
     found = solved(name)
-    assert found.certificate.duration_price == pytest.approx([0.0], abs=1e-6)
+    assert found.certificate.duration_multipliers == pytest.approx([0.0], abs=1e-6)
     assert found.certificate.transversality_error < 1e-5
 
 
@@ -297,7 +297,7 @@ def test_a_cost_of_the_durations_counts_in_their_price() -> None:
     free = Phase(**{**vars(running.problem.phases[0]), "cost": None})
     ending = solve_once(Problem((free,), endpoint_cost=lambda s, e, d, p: d[0]))
     assert ending.cost == pytest.approx(running.cost, rel=1e-9)
-    assert ending.certificate.duration_price == pytest.approx([-1.0], abs=1e-6)
+    assert ending.certificate.duration_multipliers == pytest.approx([-1.0], abs=1e-6)
     assert ending.certificate.transversality_error < 1e-5
 
 
@@ -331,39 +331,8 @@ def test_costates_are_passed_on_through_a_linkage_by_its_transposed_jacobian() -
     assert before == pytest.approx(jacobian.T @ after, rel=1e-7)
 
 
-# -- what a control costs too much ----------------------------------------------------------------
-
-
-KNOWN = {
-    "bang-bang": (textbook.fastest_move(2.0, 0.5), textbook.fastest_move_time(2.0, 0.5)),
-    "bang-off-bang": (textbook.least_work_move(), textbook.least_work()),
-    "singular": (textbook.coasting(), textbook.COASTING),
-    "smooth": (textbook.hanging_chain(), textbook.hanging_chain_energy()),
-}
-
-
-@pytest.mark.parametrize("elements", [5, 7])
-@pytest.mark.parametrize("kind", KNOWN)
-def test_what_a_control_costs_too_much_is_known_within_a_factor_of_ten(
-    kind: str, elements: int
-) -> None:
-    """Or to 1e-6: once all bounds are met exactly, the multipliers are no longer unique."""
-    problem, known = KNOWN[kind]
-    for settings in ({"passes": 0}, {}):
-        found = solve(problem, mesh=Mesh.uniform(problem, elements), **settings)
-        excess = found.cost - known
-        assert excess / 10 < found.certificate.suboptimality < 10 * excess + 1e-6 * abs(known)
-
-
-def test_the_estimate_is_no_less_than_what_a_constraint_on_the_state_costs() -> None:
-    known = textbook.bryson_denham_cost(0.05)
-    found = solve(textbook.bryson_denham(0.05))
-    assert found.converged
-    assert abs(found.cost - known) < 2 * found.certificate.suboptimality < 1e-5 * known
-
-
-def test_a_free_flying_robots_many_switches_are_resolved() -> None:
-    found = solved("free flying robot")
-    assert found.converged, found.report()
-    excess = found.cost - textbook.FLOWN
-    assert excess / 10 < found.certificate.suboptimality < 10 * excess
+def test_the_cost_of_the_residual_is_what_the_discretisation_changes() -> None:
+    found = solve_once(textbook.passive_wheel(), mesh=Mesh.uniform(1, 4, 4))
+    error = found.transcribed_cost - textbook.passive_wheel_rate()
+    assert abs(error) > 1e-8
+    assert found.certificate.defect_costs.sum() == pytest.approx(error, rel=0.05)

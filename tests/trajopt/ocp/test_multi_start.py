@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from tests.trajopt.ocp.problems import valley
+from tests.trajopt.ocp.problems import unit_scales, valley
 from trajopt.ocp.constraints import nonnegative, pair
 from trajopt.ocp.guesses import Waypoints, line, straight_lines
 from trajopt.ocp.multi_start import Outcome, Search, Start, best_of, distinct, multi_start
@@ -137,7 +137,10 @@ def test_of_starts_that_led_to_one_optimum_the_first_stands_for_it(hair: float) 
     way = line(np.zeros(1), np.ones(1), np.zeros(1), 1.0)
     mirrored = line(np.zeros(1), -np.ones(1), np.zeros(1), 1.0)
     ends = {4: (way, 1.0), 2: (mirrored, 1.0 + hair), 7: (way, 1.0 - hair), 5: (way, 0.5)}
-    outcomes = [Outcome(i, "", cost, (end,), np.empty(0), 1, "") for i, (end, cost) in ends.items()]
+    outcomes = [
+        Outcome(i, "", cost, (end,), np.empty(0), 1, "", unit_scales(1))
+        for i, (end, cost) in ends.items()
+    ]
     found = [(optimum.best.index, optimum.starts) for optimum in distinct(outcomes)]
     assert found == [(5, (5,)), (2, (2,)), (4, (4, 7))]
 

@@ -12,8 +12,10 @@ import pytest
 
 from scripts.studies.textbook import PROBLEMS, Example
 from tests.trajopt.ocp.problems import solved
-from trajopt import Constraint, Linkage, Phase, Problem, solve
+from tests.trajopt.ocp.test_multi_start import AROUND
+from trajopt import Constraint, Linkage, Phase, Problem, multi_start, solve
 from trajopt.ocp.constraints import pair
+from trajopt.ocp.guesses import Waypoints
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,3 +128,17 @@ def test_no_unit_of_any_textbook_problem_matters(example: Example, factor: float
         found = solve(units.problem(problem))
         assert found.converged, found.report()
         assert found.cost / units.cost == pytest.approx(solved(example.name).cost, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "units",
+    [Units(cost=1e-6), Units(time=1e6), Units({"x": 1e6, "y": 1e-6, "vx": 1e-3, "vy": 1e3})],
+)
+def test_a_search_finds_the_same_optima_from_the_same_starts_in_any_units(units: Units) -> None:
+    search, changed = (
+        multi_start(problem, Waypoints(problem), 5) for problem in (AROUND, units.problem(AROUND))
+    )
+    assert len(search.optima) > 1
+    assert [each.starts for each in changed.optima] == [each.starts for each in search.optima]
+    costs = [each.cost / units.cost for each in changed.optima]
+    assert costs == pytest.approx([each.cost for each in search.optima], rel=1e-6)

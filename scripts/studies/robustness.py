@@ -1,0 +1,284 @@
+"""The study `robustness`: laws and policies on machines that differ from the one they are for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from statistics import fmean
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
+from agents.evaluate import SHORT_PROTOCOL, evaluate
+from agents.policy_files import PRETRAINED, load_policy
+from agents.rollout import AdaptivePolicy, Policy, controller_policy
+from rimless_gym import BUILDABLE
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from scripts.studies.documents import markdown
+from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.feedback import laws
+from trajopt.feedback.adaptive import AdaptiveController
+from trajopt.gaits.fronts import shipped_front
+from trajopt.identification.fit import PHYSICAL
+from trajopt.pool import run
+from trajopt.store import Store, key
+
+MARKS = markdown.marks("robustness", ("machines",))
+
+#: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
+TICKS = (46, 42)
+
+#: What is measured: its title, and the gait that it holds, None for a policy.
+CANDIDATES: dict[str, int | None] = {
+    **{f"{law} {n}": n for n in TICKS for law in ("lqr", "adaptive")},
+    "imitation": None,
+    "robust": None,
+}
+
+#: Within which shares all parameters are drawn.
+LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
+
+#: Of the drawn machines, which are the same for all levels but for the level.
+SEED = 20150504
+
+#: Disturbances of the nominal machine.
+DISTURBANCES: dict[str, Mapping[str, Any]] = {
+    "one period late": {"actuator_delay": 1},
+    "encoders' noise of 0.001 rad": {"sensor_noise": {"leg_angle": 1e-3, "pendulum_angle": 1e-3}},
+}
+
+
+class Change(NamedTuple):
+    """Machines that differ in one way, and what disturbs them."""
+
+    machines: tuple[WheelParams, ...]
+    disturbances: str | None = None  # in `DISTURBANCES`
+
+
+class Walk(NamedTuple):
+    """A candidate's walks with one machine of a case."""
+
+    candidate: str
+    machine: WheelParams
+    disturbances: str | None
+    starts: int
+    folder: Path
+
+
+class OwnGait(NamedTuple):
+    """The gait of a machine whose step lasts so many control periods."""
+
+    machine: WheelParams
+    ticks: int
+    folder: Path
+
+
+def robustness(
+    *,
+    out: Path = Path("runs/robustness"),
+    machines: Count = 16,
+    starts: Count = 4,
+    candidates: Several = (),
+    workers: MaybeCount = None,
+    docs: MaybePath = None,
+) -> int:
+    """Measure the LQR, the adaptive controller and two policies on changed machines.
+
+    All parameters within a few percent, single ones, slopes, payload, battery, delay and noise.
+    The cost is compared with each machine's own optimum at the speed at which it walks. It takes
+    an hour or two of one core; after Ctrl-C or a kill, the same command continues.
+
+    Args:
+        out: folder of the study.
+        machines: how many are drawn for each level.
+        starts: of each machine.
+        candidates: some of those that are measured; all by default.
+        workers: processes; by default one for every core.
+        docs: a page, docs/feedback.md, to put the table into.
+    """
+    every, names = cases(machines), chosen(candidates, list(CANDIDATES))
+    walks = [
+        Walk(candidate, machine, case.disturbances, starts, out)
+        for case in every.values()
+        for candidate in names
+        for machine in case.machines
+    ]
+    with Store(out) as store:
+        for n in TICKS:
+            nominal_gait(n, out)
+        _compute(store, walks, walked, workers)
+        results = {task: store.load(_key(task)) for task in walks}
+        optima = [
+            OwnGait(task.machine, n, out)
+            for task, result in results.items()
+            for n in _ticks(task.machine, result["speed"])
+        ]
+        optima = list(dict.fromkeys(optima))
+        _compute(store, optima, optimal, workers)
+        costs = {(each.machine, each.ticks): store.load(_key(each))["cot"] for each in optima}
+    text = table(every, names, results, costs)
+    if docs:
+        markdown.refresh(docs, MARKS, {"machines": text + "\n"})
+    print(text)
+    return 0
+
+
+def cases(count: int) -> dict[str, Change]:
+    """All cases by title."""
+    drawn = np.random.default_rng(SEED).uniform(-1.0, 1.0, (count, len(PHYSICAL)))
+    several = {
+        f"all within {100 * level:g} %": Change(
+            tuple(_scaled(dict(zip(PHYSICAL, 1 + level * each, strict=True))) for each in drawn)
+            if level
+            else (BUILDABLE,)
+        )
+        for level in LEVELS
+    }
+    single = {
+        f"{name.replace('_', ' ')} ± 2 %": Change(
+            tuple(_scaled({name: factor}) for factor in (0.98, 1.02))
+        )
+        for name in ("pendulum_length", "pendulum_mass", "leg_length")
+    }
+    slopes = {
+        f"slope of {degrees:+g}°": Change((BUILDABLE.replace(slope=math.radians(degrees)),))
+        for degrees in (-2, -1, -0.5, 0.5, 1, 2)
+    }
+    heavier = BUILDABLE.wheel_mass + 0.05 * BUILDABLE.total_mass
+    same = (BUILDABLE,)
+    return {
+        **several,
+        **single,
+        **slopes,
+        "5 % payload at the hub": Change((BUILDABLE.replace(wheel_mass=heavier),)),
+        "battery at 80 %": Change((_scaled({"voltage_limit": 0.8}),)),
+        **{title: Change(same, title) for title in DISTURBANCES},
+    }
+
+
+def _scaled(factors: Mapping[str, float]) -> WheelParams:
+    fields = {name: factor * getattr(BUILDABLE, name) for name, factor in factors.items()}
+    return dataclasses.replace(BUILDABLE, **fields)
+
+
+def _key(task: Walk | OwnGait) -> str:
+    """The name of a result: what it depends on, but for the code."""
+    values = {name: value for name, value in task._asdict().items() if name != "folder"}
+    return key(getattr(task, "candidate", "optimum"), **values)
+
+
+def _compute(store: Store, tasks: Sequence[Any], function: Any, workers: int | None) -> None:
+    todo = [task for task in tasks if _key(task) not in store]
+    for task, result in run(function, todo, workers, progress=f"robustness: {function.__name__}"):
+        store.save(_key(task), result)
+
+
+@lru_cache
+def nominal_gait(ticks: int, folder: Path) -> Solution:
+    """The nominal machine's gait, of so many control periods per step."""
+    file = folder / f"gait{ticks}.npz"
+    if not file.exists():
+        time = ticks * CONTROL_PERIOD
+        periodic_gait(BUILDABLE, step_time=time, hold=CONTROL_PERIOD).save(file)
+    return Solution.load(file)
+
+
+@lru_cache
+def policy_of(candidate: str, folder: Path) -> Policy:
+    """A candidate, designed for the nominal machine."""
+    ticks = CANDIDATES[candidate]
+    if ticks is None:
+        return load_policy(PRETRAINED[candidate]).policy
+    gait, law = nominal_gait(ticks, folder), candidate.split()[0]
+    if law == "adaptive":
+        return AdaptivePolicy(AdaptiveController.about(gait, folder))
+    return controller_policy(BUILDABLE, laws.design(law, gait, folder))
+
+
+def walked(task: Walk) -> dict[str, Any]:
+    """How many starts walk, and the speed and cost of those that do."""
+    result = evaluate(
+        policy_of(task.candidate, task.folder),
+        task.machine,
+        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts),
+        disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
+        progress=False,
+    )
+    some = result.walking_share > 0
+    return {
+        "share": result.walking_share,
+        "speed": result.speed if some else None,
+        "cot": result.cot if some else None,
+    }
+
+
+def optimal(task: OwnGait) -> dict[str, Any]:
+    """The cost of the machine's own gait, continued from the nominal machine's; None without."""
+    near = min(TICKS, key=lambda ticks: abs(ticks - task.ticks))
+    guess, time = nominal_gait(near, task.folder), task.ticks * CONTROL_PERIOD
+    try:
+        gait = periodic_gait(
+            task.machine, step_time=time, hold=CONTROL_PERIOD, guess=guess, progress=False
+        )
+    except NoGaitError:
+        return {"cot": None, "speed": None}
+    return {"cot": gait.cot, "speed": gait.speed}
+
+
+def _ticks(machine: WheelParams, speed: float | None) -> tuple[int, ...]:
+    """Of the gait with which a walk is compared, if any: the nearest one of whole periods."""
+    return () if speed is None else (round(machine.step_length / (speed * CONTROL_PERIOD)),)
+
+
+def _speed(machine: WheelParams, ticks: int) -> float:
+    return machine.step_length / (ticks * CONTROL_PERIOD)
+
+
+def table(
+    every: Mapping[str, Change],
+    candidates: Sequence[str],
+    walks: Mapping[Walk, Any],
+    costs: Mapping[Any, Any],
+) -> str:
+    """A line for every case: of each candidate, the mean gap and the share of starts that walk."""
+    lines = []
+    for title, case in every.items():
+        cells = []
+        for candidate in candidates:
+            found = {
+                task.machine: result
+                for task, result in walks.items()
+                if task.candidate == candidate and task.disturbances == case.disturbances
+            }
+            results = [(machine, found[machine]) for machine in case.machines]
+            gaps = [_gap(machine, result, costs) for machine, result in results]
+            compared = [gap for gap in gaps if gap is not None]
+            share = markdown.percent(fmean(result["share"] for _, result in results))
+            mean = f"{100 * fmean(compared):+.1f} %" if compared else "-"
+            cells.append(f"{mean} ({share})")
+        lines.append([f"{title} ({len(case.machines)})", *cells])
+    return markdown.table(["machines", *map(_title, candidates)], lines)
+
+
+def _gap(machine: WheelParams, result: Mapping[str, Any], costs: Mapping[Any, Any]) -> float | None:
+    """A walk's cost over the optimum at its speed, less one; None without either."""
+    for ticks in _ticks(machine, result["speed"]):
+        if (cost := costs[machine, ticks]) is not None:
+            # between whole periods the optimum is as much higher or lower as the nominal machine's
+            at = result["speed"] * BUILDABLE.step_length / machine.step_length
+            front = shipped_front(BUILDABLE)
+            return float(result["cot"] / cost * front(_speed(BUILDABLE, ticks)) / front(at) - 1)
+    return None
+
+
+def _title(candidate: str) -> str:
+    """A column's."""
+    ticks = CANDIDATES[candidate]
+    if ticks is None:
+        return f"`{candidate}`"
+    return f"`{candidate.split()[0]}`, {_speed(BUILDABLE, ticks):.3f} m/s"

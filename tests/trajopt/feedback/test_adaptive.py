@@ -1,0 +1,93 @@
+"""The adaptive controller: its table of laws, and what it remembers."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from agents.conditions import Conditions
+from agents.rollout import AdaptivePolicy, Rollout
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import hybrid_states
+from trajopt.feedback import adaptive
+from trajopt.feedback.adaptive import AdaptiveController, GaitTable, flat
+from trajopt.store import Store
+
+
+@dataclasses.dataclass(frozen=True)
+class Startup:
+    """In place of a start-up controller."""
+
+    params: object
+
+    def __call__(self, x, mode):
+        return 0.0
+
+
+@pytest.fixture(scope="module")
+def controller(held, law):
+    """Its table knows the pendulum's length, and of that only a shift of the voltage."""
+    row = flat(law.data)
+    shift = np.zeros_like(row)
+    n = len(law.data.voltages)
+    shift[13 * n : 14 * n] = 0.5
+    table = GaitTable(held, law, ("pendulum_length",), np.array([row, row + shift, row - shift]))
+    return AdaptiveController(table, Startup(held.params), near=0.5, margin=0.1)
+
+
+def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controller, law) -> None:
+    table, nominal = controller.table, controller.params
+    np.testing.assert_array_equal(table.at(nominal), table.rows[0])
+    for share in (0.02, 0.013):
+        length = (1 + share) * nominal.pendulum_length
+        between = table.at(dataclasses.replace(nominal, pendulum_length=length))
+        wanted = table.rows[0] + share / 0.02 * (table.rows[1] - table.rows[0])
+        np.testing.assert_allclose(between, wanted, atol=1e-12)
+    x = law.data.orbit.states[5:40:7] + 0.01
+    volts = adaptive._voltages(
+        x, np.full(5, SINGLE), table.rows, np.array([0, 1, 0, 2, 0]), law.data
+    )
+    np.testing.assert_allclose(volts[:, 0], law(x) + [0, 0.5, 0, -0.5, 0], atol=1e-12)
+
+
+def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit(
+    controller, held, tmp_path
+) -> None:
+    length = 1.01 * held.params.pendulum_length
+    changed = dataclasses.replace(held.params, pendulum_length=length)
+    start = hybrid_states(held.state([0.1, 0.3]), SINGLE)
+    kept = controller.begin(2)
+
+    def policy(states, observations, walks=kept):
+        rows = np.arange(len(states))
+        modes = states[:, 4].astype(np.int64)
+        return walks(rows, states[:, :4], modes, states[:, 5]) / changed.voltage_limit
+
+    states = [each.states for each in Rollout(Conditions(changed), policy, start, 230)]
+    assert [len(each) for each in states] == [2] * 230
+    assert (kept.identified == 1).all()
+    found = [machine.pendulum_length for machine in kept.machines]
+    np.testing.assert_allclose(found, length, rtol=3e-3)
+
+    first = controller.begin(2)
+    for each in states[:150]:
+        policy(each, None, first)
+    Store(tmp_path).save("walks", first.state())
+    other = controller.begin(2, seed=1)
+    other.restore(Store(tmp_path).load("walks"))
+    for each in states[150:]:
+        np.testing.assert_array_equal(policy(each, None, other), policy(each, None, first))
+    assert (other.identified == 1).all()
+
+
+def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(controller) -> None:
+    rows = itertools.chain([np.arange(3)], itertools.repeat(np.array([0, 2])))
+    held = controller.table.gait
+    x = hybrid_states(held.state([0.1, 0.2, 0.3]), SINGLE)
+    policy = AdaptivePolicy(controller).begin(3, lambda: next(rows))
+    alone = AdaptivePolicy(controller).begin(3, lambda: np.arange(3))
+    policy(x, None), alone(x, None)
+    np.testing.assert_array_equal(policy(x[[0, 2]], None), alone(x, None)[[0, 2]])

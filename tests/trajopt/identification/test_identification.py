@@ -1,0 +1,118 @@
+"""A machine identified from a log: right within its own errors, or refused with a number."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.rollout import draw_starts
+from agents.walk_log import recorded
+from rimless_gym import BUILDABLE
+from trajopt import Log, LogError, Noise, identify
+from trajopt.identification.fit import PHYSICAL
+
+CHANGED = {"pendulum_length": 0.1463, "leg_length": 0.2955, "motor_constant": 0.0222}
+MACHINE = dataclasses.replace(BUILDABLE, **CHANGED)
+
+
+def driven(machine=MACHINE, seconds=2.0, seed=0, volts=6.0):
+    """A log of a wheel that swings its pendulum to and fro, and rocks from leg to leg."""
+    tick = iter(range(1000))
+    start = draw_starts(BUILDABLE, 4, 3)[3]
+    return recorded(
+        lambda x, seen: np.array([volts / 12.0 * np.sin(0.13 * next(tick))]),
+        *(machine, start, seconds, Noise(), seed),
+    )
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return driven()
+
+
+def test_the_machine_is_found_within_the_errors_that_are_reported(log: Log) -> None:
+    found = identify(log, BUILDABLE)
+    true = np.array([getattr(MACHINE, name) for name in PHYSICAL])
+    assert (np.abs(found.values - true) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    assert found.params.motor_constant == pytest.approx(MACHINE.motor_constant, rel=2e-3)
+    assert 0.7 < found.chi2 < 1.3
+    assert {"phi", "theta", "current", "dphi", "dtheta"} == set(found.residuals)
+
+
+def test_without_a_current_the_scale_of_masses_cannot_be_told(log: Log) -> None:
+    """Masses, friction and 1 / resistance may all be larger by the same share."""
+    bare = dataclasses.replace(log, current=None, dphi=None, dtheta=None)
+    found = identify(bare, BUILDABLE)
+    scale = {name: 1.0 for name in PHYSICAL if "mass" in name or "inertia" in name}
+    scale |= {"hub_friction": 1.0, "armature_resistance": -1.0}
+    scale = {name: share / np.sqrt(len(scale)) for name, share in scale.items()}
+    parts = [sum(each.get(n, 0.0) * share for n, share in scale.items()) for each in found.untold]
+    assert np.linalg.norm(parts) > 0.98
+    with_current = [
+        sum(each.get(n, 0.0) * share for n, share in scale.items())
+        for each in identify(log, BUILDABLE).untold
+    ]
+    assert np.linalg.norm(with_current) < 0.8
+
+
+def test_a_slope_is_one_more_unknown() -> None:
+    sloped = dataclasses.replace(BUILDABLE, slope=np.radians(-1.5))
+    found = identify(driven(sloped, 1.0), BUILDABLE, [*PHYSICAL, "slope"])
+    assert found.params.slope == pytest.approx(sloped.slope, abs=np.radians(0.2))
+
+
+def test_windage_and_backlash_that_the_model_lacks_shift_lengths_by_half_a_percent() -> None:
+    """3 % of the power goes into the air, and the gear has half a degree of play."""
+    windy = driven(dataclasses.replace(MACHINE, pendulum_drag=3.5e-5), 3.0)
+    play = np.radians(0.25) * np.sign(windy.current)
+    log = dataclasses.replace(windy, theta=windy.theta + play)
+    with pytest.raises(LogError, match=r"theta is .* standard deviations off"):
+        identify(log, BUILDABLE)
+    angles = dataclasses.replace(log, dphi=None, dtheta=None)
+    found = identify(angles, BUILDABLE, noise=Noise(angle=3e-3)).params
+    assert found.pendulum_length == pytest.approx(MACHINE.pendulum_length, rel=5e-3)
+    assert found.leg_length == pytest.approx(MACHINE.leg_length, rel=5e-3)
+    assert found.motor_constant == pytest.approx(MACHINE.motor_constant, rel=1e-2)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_a_log_is_read_as_it_was_written(log: Log, tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"log{suffix}"
+    log.save(file)
+    read = Log.load(file)
+    for field in dataclasses.fields(Log):
+        np.testing.assert_allclose(getattr(read, field.name), getattr(log, field.name), 1e-8, 1e-8)
+    few = dataclasses.replace(log, current=None)
+    few.save(file)
+    assert Log.load(file).current is None
+
+
+def test_useless_logs_are_refused_with_the_number_that_shows_it(log: Log, tmp_path: Path) -> None:
+    def cut(end):
+        columns = {f.name: getattr(log, f.name) for f in dataclasses.fields(Log)}
+        return Log(**{name: column[:end] for name, column in columns.items()})
+
+    still = dataclasses.replace(log, theta=0.001 * log.theta)
+    for bad, number in (
+        (dataclasses.replace(log, phi=np.degrees(log.phi)), r"phi = .*degrees"),
+        (dataclasses.replace(log, theta=np.degrees(log.theta)), r"rad/s.*degrees"),
+        (cut(20), "lasts 0.19 s"),
+        (still, "turns by 0.00"),
+        (driven(dataclasses.replace(BUILDABLE, pendulum_length=0.1)), r"chi2 = \d"),
+    ):
+        with pytest.raises(LogError, match=number):
+            identify(bad, BUILDABLE, free=["leg_length", "hub_friction"])
+    jump = log.time + 0.5 * (np.arange(len(log)) > 60)
+    with pytest.raises(LogError, match=r"0.51 s pass from sample 60"):
+        dataclasses.replace(log, time=jump)
+    volts = log.voltage.copy()
+    volts[7] = np.nan
+    with pytest.raises(LogError, match="voltage: sample 7 is not finite"):
+        dataclasses.replace(log, voltage=volts)
+    file = tmp_path / "log.csv"
+    file.write_text("time,phi\n0,1.5\n0.01,1.5\n")
+    with pytest.raises(LogError, match="no column theta"):
+        Log.load(file)

@@ -1,0 +1,443 @@
+"""Parameters of a machine by least squares over pieces of a log (multiple shooting).
+
+Within a piece the wheel stands on one foot, or rests on two. Its motion is integrated from an
+unknown state at the piece's start, under the logged voltage, and compared with every sample. The
+derivatives by that state and by the parameters are CasADi's, of the model that everything else
+uses (`rimless_gym.symbolic`). The states are eliminated piece by piece (Bock, Recent Advances in
+Parameter Identification Techniques for ODE, 1983), first of short pieces, which converge from
+afar, then of whole stances, which tell more. A wheel that falls has told something until then.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from rimless_gym.checks import positive, require_kind
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import Machine, as_params
+from rimless_gym.symbolic import Design, HybridModel
+from trajopt.feedback.law import Floats
+from trajopt.identification.log import Log, LogError, require_usable
+
+#: What is uncertain of a machine that was weighed and measured. The gear's teeth can be counted.
+PHYSICAL = (
+    *("wheel_mass", "wheel_inertia", "leg_length"),
+    *("pendulum_mass", "pendulum_inertia", "pendulum_length"),
+    *("motor_constant", "armature_resistance", "rotor_inertia"),
+    *("hub_friction", "gear_loss"),
+)
+
+#: How well parameters are known before: their standard deviation, as a share; and that of those
+#: which are usually 0 (rad, N m s).
+TOLERANCE, TOLERANCES = 0.05, {"slope": 0.05, "hub_damping": 2e-3}
+
+#: Longest pieces of both passes (s), and the fewest samples of one.
+PASSES, FEWEST = (0.2, 0.8), 4
+
+#: Integration steps within a sample, of Runge and Kutta's fourth order, are at most so long (s):
+#: with half of it, estimates differ by a fiftieth of their standard deviation.
+STEP = 0.01
+
+#: Gauss-Newton steps per pass, halvings of one, and the step, in tolerances, at which it ends.
+STEPS, HALVINGS, SMALL = 15, 6, 1e-3
+
+#: Standard deviations of a piece's first rates and angles (rad/s, rad): they are not known.
+FREE_START = np.array([10.0, 10.0, 100.0, 100.0])
+
+#: A fit with a larger chi2 per degree of freedom is of another machine, or went wrong.
+MOST_CHI2 = 3.0
+
+#: A direction in which the log tells less than so many tolerances' worth is one it cannot tell.
+TOLD = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Standard deviations of the sensors' errors.
+
+    Attributes:
+        angle: of both angles (rad).
+        current: A.
+        rate: of both rates (rad/s).
+    """
+
+    angle: float = 1e-3
+    current: float = 5e-3
+    rate: float = 1e-2
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, positive(name, value))
+
+
+@dataclasses.dataclass(frozen=True)
+class Identification:
+    """What a log tells of a machine.
+
+    Attributes:
+        params: the identified machine.
+        nominal: what was known before.
+        free: names of the identified parameters, k of them.
+        tolerance: their standard deviations before, shape (k,).
+        covariance: of the estimates, shape (k, k).
+        untold: directions that the log cannot tell, each by its share of every parameter, in
+            tolerances; what was known before stands in them.
+        residuals: root mean square by channel, in standard deviations of its noise.
+        chi2: sum of squared residuals per degree of freedom; about 1 for the right machine.
+        samples: how many were compared.
+    """
+
+    params: WheelParams
+    nominal: WheelParams
+    free: tuple[str, ...]
+    tolerance: Floats
+    covariance: Floats
+    untold: tuple[Mapping[str, float], ...]
+    residuals: Mapping[str, float]
+    chi2: float
+    samples: int
+
+    @property
+    def values(self) -> Floats:
+        """The estimates, shape (k,)."""
+        return np.array([getattr(self.params, name) for name in self.free])
+
+    def report(self) -> str:
+        """A table of the estimates, and what else there is to know."""
+        lines = [f"{'parameter':20}{'before':>12}{'identified':>12}{'± 1 sd':>10}{'change':>9}"]
+        for name, value, sd in zip(
+            self.free, self.values, np.sqrt(np.diag(self.covariance)), strict=True
+        ):
+            before = getattr(self.nominal, name)
+            change = f"{value / before - 1:+9.2%}" if before else f"{'':9}"
+            lines.append(f"{name:20}{before:12.5g}{value:12.5g}{sd:10.2g}{change}")
+        lines.append(f"chi2 per degree of freedom {self.chi2:.3g}, {self.samples} samples")
+        lines += [f"residual of {c}: {r:.2f} sd" for c, r in self.residuals.items()]
+        for each in self.untold:
+            parts = [f"{share:+.2f} {name}" for name, share in each.items()]
+            lines.append(f"cannot be told from this log: {', '.join(parts)}")
+        return "\n".join(lines)
+
+
+def identify(
+    log: Log,
+    params: Machine = "BUILDABLE",
+    free: Sequence[str] | None = None,
+    *,
+    tolerance: float | Mapping[str, float] = TOLERANCE,
+    covariance: Floats | None = None,
+    noise: Noise | None = None,
+) -> Identification:
+    """The parameters that explain a log best, near those known before.
+
+    What an earlier log has told is known too, if its `covariance` is given, and its machine as
+    `params`.
+
+    Args:
+        log: of angles, voltage, stance foot and mode, with or without current and rates.
+        params: what is known before.
+        free: names of the unknown parameters, numbers of `WheelParams`; by default `physical`.
+        tolerance: how well these are known: a standard deviation as a share of each, or by name, in
+            its unit; those not named are `TOLERANCE` of their value, or as in `TOLERANCES`.
+        covariance: of all that is known before, (k, k), instead of `tolerance`.
+        noise: of the sensors.
+
+    Raises:
+        LogError: the log is too short, too still, in other units or of another machine.
+        TypeError, ValueError: another argument is of the wrong type or out of its range.
+    """
+    params, noise = as_params(params), noise or Noise()
+    require_kind("noise", noise, Noise)
+    require_usable(log, params)
+    free = physical(params) if free is None else tuple(free)
+    before = np.diag(_scales(params, free, tolerance) ** 2) if covariance is None else covariance
+    scale = np.sqrt(np.diag(before))
+    prior = np.linalg.inv(before / np.outer(scale, scale))
+    channels = [name for name in ("phi", "theta", "current", "dphi", "dtheta") if _has(log, name)]
+    fit = _Fit(log, params, free, scale, prior, tuple(channels), noise)
+    starts: dict[int, Floats] = {}
+    q = np.zeros(len(free))
+    for longest in PASSES:
+        pieces = fit.pieces(longest, starts)
+        q, pieces, system = fit.solved(pieces, q)
+        starts = dict(zip(pieces.begins.tolist(), pieces.states, strict=True))
+    degrees = max(system.compared - 4 * len(pieces.begins) - len(free), 1)
+    chi2 = system.squares / degrees
+    residuals = {name: float(r) for name, r in zip(channels, system.rms, strict=True)}
+    if not chi2 < MOST_CHI2:
+        worst = max(residuals, key=residuals.__getitem__)
+        raise LogError(
+            f"chi2 = {chi2:.3g} per degree of freedom: must be below {MOST_CHI2:g}; {worst} is "
+            f"{residuals[worst]:.3g} standard deviations off: the log is of another machine or "
+            "motion than the model's, its noise is larger, or more parameters must be free"
+        )
+    machine = Design.of(*free).machine(params, fit.value(q))
+    shares, directions = np.linalg.eigh(system.told)
+    untold = tuple(
+        {free[i]: float(v[i]) for i in np.argsort(-np.abs(v)) if abs(v[i]) > 0.1}
+        for share, v in zip(shares, directions.T, strict=True)
+        if share < TOLD
+    )
+    after = np.linalg.inv(system.told + prior) * np.outer(scale, scale)
+    return Identification(
+        *(machine, params, free, scale, after, untold, residuals, chi2, system.compared)
+    )
+
+
+def physical(params: WheelParams) -> tuple[str, ...]:
+    """Those of `PHYSICAL` that a machine has."""
+    return tuple(name for name in PHYSICAL if getattr(params, name))
+
+
+def _has(log: Log, name: str) -> bool:
+    return getattr(log, name) is not None
+
+
+def _scales(
+    params: WheelParams, free: tuple[str, ...], tolerance: float | Mapping[str, float]
+) -> Floats:
+    """The standard deviations of the parameters before."""
+    share = TOLERANCE if isinstance(tolerance, Mapping) else positive("tolerance", tolerance)
+    given = tolerance if isinstance(tolerance, Mapping) else {}
+    scales = []
+    for name in free:
+        if name in ("n_legs", "friction", "voltage_limit", "idle_power", "pendulum_reach") or (
+            not isinstance(getattr(params, name, None), float)
+        ):
+            raise ValueError(
+                f"free = {name!r}: no parameter of the motion; choose from {', '.join(PHYSICAL)}, "
+                f"{', '.join(TOLERANCES)}"
+            )
+        usual = TOLERANCES.get(name, share * abs(getattr(params, name)))
+        if not (scale := given.get(name, usual)):
+            raise ValueError(f"{name} = 0: give its tolerance, in its unit")
+        scales.append(positive(f"tolerance of {name}", scale))
+    if not free or len(set(free)) < len(free):
+        raise ValueError(f"free = {free}: name one parameter or more, each once")
+    return np.array(scales)
+
+
+class _Pieces(NamedTuple):
+    """P pieces of a log, padded to the length of the longest.
+
+    Attributes:
+        begins: index of the first sample of each, shape (P,).
+        inside: which samples exist, shape (P, length).
+        mode: shape (P,).
+        states: at the first samples, shape (P, 4).
+    """
+
+    begins: Any
+    inside: Any
+    mode: Any
+    states: Floats
+
+
+class _System(NamedTuple):
+    """The Gauss-Newton system of the parameters, in tolerances.
+
+    Attributes:
+        told: what the log tells, without what was known before, shape (k, k).
+        gradient: of half the squares, shape (k,).
+        squares: of all residuals.
+        rms: of the residuals by channel.
+        compared: how many residuals there are.
+        back: by how much each piece's state changes: own step (P, 4), and per step of the
+            parameters (P, 4, k).
+    """
+
+    told: Floats
+    gradient: Floats
+    squares: float
+    rms: Floats
+    compared: int
+    back: tuple[Floats, Floats]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Fit:
+    """A log and what is sought from it; `q` are the parameters' changes in tolerances."""
+
+    log: Log
+    params: WheelParams
+    free: tuple[str, ...]
+    scale: Floats
+    prior: Floats  # the information of what is known before, (k, k)
+    channels: tuple[str, ...]
+    noise: Noise
+
+    def value(self, q: Floats) -> Floats:
+        """The parameters."""
+        return np.array([getattr(self.params, name) for name in self.free]) + q * self.scale
+
+    def pieces(self, longest: float, starts: Mapping[int, Floats]) -> _Pieces:
+        """Every stance in equal pieces; states from `starts` or from the samples."""
+        log, most = self.log, max(round(longest / self.log.period), FEWEST)
+        changes = np.flatnonzero((np.diff(log.foot) != 0) | (np.diff(log.mode) != 0)) + 1
+        found = []
+        for begin, end in pairwise([0, *changes.tolist(), len(log)]):
+            if end - begin >= FEWEST:
+                parts = math.ceil((end - begin) / most)
+                edges = np.linspace(begin, end, parts + 1).astype(int).tolist()
+                found += [(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
+        if not found:
+            raise LogError(f"no {FEWEST} samples follow each other on the same foot; log longer")
+        begins, ends = np.array(found).T
+        inside = np.arange((ends - begins).max()) < (ends - begins)[:, None]
+        states = np.array([starts.get(b, self._guess(b, e)) for b, e in found])
+        return _Pieces(begins, inside, log.mode[begins], states)
+
+    def _guess(self, begin: int, end: int) -> Floats:
+        """The state at a sample, from a parabola through the next few."""
+        few = slice(begin, min(end, begin + 8))
+        t = self.log.time[few] - self.log.time[begin]
+        angles = np.stack([self.log.phi[few], np.unwrap(self.log.theta)[few]], axis=1)
+        fitted = np.polynomial.polynomial.polyfit(t, angles, 2)
+        return np.concatenate([fitted[0], fitted[1]])
+
+    def solved(self, pieces: _Pieces, q: Floats) -> tuple[Floats, _Pieces, _System]:
+        """Gauss and Newton's method with halved steps."""
+        system = self.system(pieces, q)
+        for _ in range(STEPS):
+            step = np.linalg.solve(system.told + self.prior, -system.gradient - self.prior @ q)
+            share, cost = 1.0, system.squares + q @ self.prior @ q
+            own, per = system.back
+            for _ in range(HALVINGS):
+                further = q + share * step
+                moved = pieces._replace(states=pieces.states + share * (own + per @ step))
+                tried = self.system(moved, further)
+                if tried.squares + further @ self.prior @ further <= cost:
+                    break
+                share /= 2
+            else:
+                return q, pieces, system
+            q, pieces, system = further, moved, tried
+            if np.abs(share * step).max() < SMALL:
+                break
+        return q, pieces, system
+
+    def system(self, pieces: _Pieces, q: Floats) -> _System:
+        """The system about a point."""
+        k, p = len(q), self.value(q)
+        if (p * np.sign(self.value(np.zeros(k))) <= 0)[[n != "slope" for n in self.free]].any():
+            return _System(np.eye(k), q, math.inf, np.zeros(0), 0, (np.zeros(0), np.zeros(0)))
+        r, J = self.residuals(pieces, p)
+        J[..., 4:] *= self.scale
+        n = len(pieces.begins)
+        flat, rows = J.reshape(n, -1, 4 + k), r.reshape(n, -1)
+        H = flat.swapaxes(1, 2) @ flat
+        g = np.einsum("nij,ni->nj", flat, rows)
+        H[:, :4, :4] += np.diag(FREE_START**-2)
+        inverse = np.linalg.inv(H[:, :4, :4])
+        own, per = -np.einsum("nij,nj->ni", inverse, g[:, :4]), -inverse @ H[:, :4, 4:]
+        told = (H[:, 4:, 4:] + H[:, 4:, :4] @ per).sum(axis=0)
+        gradient = (g[:, 4:] + np.einsum("nij,nj->ni", H[:, 4:, :4], own)).sum(axis=0)
+        squares = float((r**2).sum())
+        squares = squares if math.isfinite(squares) else math.inf
+        number = int(pieces.inside.sum())
+        rms = np.sqrt((r**2).sum(axis=(0, 1)) / number)
+        compared = number * len(self.channels)
+        return _System(0.5 * (told + told.T), gradient, squares, rms, compared, (own, per))
+
+    def residuals(self, pieces: _Pieces, p: Floats) -> tuple[Floats, Floats]:
+        """Residuals (P, length, channels) in standard deviations, and derivatives (.., 4 + k)."""
+        n, length = pieces.inside.shape
+        k, log = len(p), self.log
+        substeps = math.ceil(log.period / STEP - 1e-9)
+        measured, sd = self._measured()
+        r = np.zeros((n, length, len(self.channels)))
+        J = np.zeros((*r.shape, 4 + k))
+        x, S = pieces.states.copy(), np.zeros((n, 4, 4 + k))
+        S[:, :, :4] = np.eye(4)
+        chosen = [("phi", "theta", "dphi", "dtheta", "current").index(c) for c in self.channels]
+        for s in range(length):
+            alive = np.flatnonzero(pieces.inside[:, s])
+            samples = pieces.begins[alive] + s
+            y, C, D, after, A, B = _step(
+                *(self.params, self.free, substeps, log.period),
+                *(pieces.mode[alive], x[alive], log.voltage[samples], p),
+            )
+            error = y[:, chosen] - measured[samples]
+            turn = np.array([c == "theta" for c in self.channels]) * 2 * np.pi
+            error -= turn * np.round(error / (2 * np.pi))
+            r[alive, s] = error / sd
+            total = C @ S[alive]
+            total[:, :, 4:] += D
+            J[alive, s] = total[:, chosen] / sd[:, None]
+            x[alive] = after
+            S[alive] = A @ S[alive]
+            S[alive, :, 4:] += B
+        return r, J
+
+    def _measured(self) -> tuple[Floats, Floats]:
+        """Samples (n, channels), and the standard deviations of their errors (channels,)."""
+        kind = {"phi": "angle", "theta": "angle", "current": "current"}
+        sd = [getattr(self.noise, kind.get(name, "rate")) for name in self.channels]
+        return np.stack([getattr(self.log, name) for name in self.channels], 1), np.array(sd)
+
+
+def _step(
+    params: WheelParams,
+    free: tuple[str, ...],
+    substeps: int,
+    period: float,
+    mode: Any,
+    x: Floats,
+    u: Floats,
+    p: Floats,
+) -> tuple[Floats, ...]:
+    """Of states (P, 4) in their modes: what is measured, the state a sample later, derivatives.
+
+    Returns y (P, 5) with derivatives (P, 5, 4) by x and (P, 5, k) by p, and the next x with its.
+    """
+    k, out = len(p), [np.empty((len(x), *shape)) for shape in _shapes(len(p))]
+    for each in (SINGLE, DOUBLE):
+        rows = np.flatnonzero(mode == each)
+        if len(rows):
+            mapped = _mapped(params, free, substeps, each, len(rows))
+            results = mapped(x[rows].T, u[rows][None], p, period / substeps)
+            for place, result, shape in zip(out, results, _shapes(k), strict=True):
+                place[rows] = result.full().T.reshape(len(rows), *shape[::-1]).swapaxes(1, -1)
+    return tuple(out)
+
+
+def _shapes(k: int) -> tuple[tuple[int, ...], ...]:
+    return (5,), (5, 4), (5, k), (4,), (4, 4), (4, k)
+
+
+@lru_cache(maxsize=256)
+def _mapped(
+    params: WheelParams, free: tuple[str, ...], substeps: int, mode: int, n: int
+) -> ca.Function:
+    """`_stepping` for n wheels of the same parameters."""
+    return _stepping(params, free, substeps, mode).map("steps", "serial", n, [2, 3], [])
+
+
+@lru_cache(maxsize=16)
+def _stepping(params: WheelParams, free: tuple[str, ...], substeps: int, mode: int) -> ca.Function:
+    """x, u, p, h -> y, dy/dx, dy/dp, the next x, dx/dx, dx/dp; derivatives as columns."""
+    functions = HybridModel(params, Design.of(*free)).functions
+    flow = functions["flow" if mode == SINGLE else "flow_double_stance"]
+    x, u, p, h = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("p", len(free)), ca.SX.sym("h")
+    y, after = ca.vertcat(x, functions["motor_current"](x, u, p)), x
+    for _ in range(substeps):
+        k1 = flow(after, u, p)
+        k2 = flow(after + h / 2 * k1, u, p)
+        k3 = flow(after + h / 2 * k2, u, p)
+        k4 = flow(after + h * k3, u, p)
+        after = after + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    out = [
+        ca.densify(ca.vec(each))
+        for value in (y, after)
+        for each in (value, ca.jacobian(value, x), ca.jacobian(value, p))
+    ]
+    return ca.Function("step", [x, u, p, h], ca.cse(out))

@@ -1,0 +1,161 @@
+"""A log of a walk: what the sensors of a wheel report at every tick, in memory, as CSV or npz."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from rimless_gym.checks import real_array, require_kind
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
+
+#: The columns that every log has, and those of sensors that a wheel may lack.
+NEEDED = ("time", "phi", "theta", "foot", "mode", "voltage")
+OPTIONAL = ("current", "dphi", "dtheta")
+
+#: How much the time between two samples may differ from the median, as a share of it.
+JITTER = 0.1
+
+#: How far beyond its touchdowns the leg may be, by errors of the sensor (rad).
+BEYOND = 0.1
+
+#: Least length of a log (s), and least turn of the pendulum in it (rad).
+SHORTEST, STILLEST = 0.3, 0.2
+
+
+class LogError(ValueError):
+    """A log that nothing can be identified from; the message has the number that shows it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Log:
+    """What was measured at n ticks, evenly spaced in time.
+
+    Attributes:
+        time: s, shape (n,), as all.
+        phi: the stance leg's angle from the ground (rad).
+        theta: the pendulum's from the ground's normal (rad), with or without whole turns.
+        foot: the stance foot, counted in legs forward of the first one.
+        mode: `rimless_gym.equations.SINGLE` or `DOUBLE`; in double stance, foot and phi are those
+            of the leading leg.
+        voltage: at the motor, constant from each tick to the next (V).
+        current: just after the tick (A); None without a sensor.
+        dphi, dtheta: the angles' rates (rad/s); None without sensors.
+
+    Raises:
+        TypeError: a column is not of real numbers.
+        LogError: the columns are of different lengths or not finite, the clock jumps or stands
+            still, or a mode is unknown.
+    """
+
+    time: Floats
+    phi: Floats
+    theta: Floats
+    foot: Floats
+    mode: Floats
+    voltage: Floats
+    current: Floats | None = None
+    dphi: Floats | None = None
+    dtheta: Floats | None = None
+
+    def __post_init__(self) -> None:
+        for name in (*NEEDED, *OPTIONAL):
+            values = getattr(self, name)
+            if values is None and name in OPTIONAL:
+                continue
+            column = np.array(real_array(name, values), dtype=np.float64)
+            if column.shape != (len(self),) or len(self) < 2:
+                raise LogError(
+                    f"{name}: has shape {column.shape}, and time {np.shape(self.time)}; every "
+                    "column must have one number per sample, of at least 2"
+                )
+            if not np.isfinite(column).all():
+                raise LogError(
+                    f"{name}: sample {np.argmin(np.isfinite(column))} is not finite; leave out the "
+                    "log before or after it"
+                )
+            object.__setattr__(self, name, column)
+        steps = np.diff(self.time)
+        off = np.abs(steps - self.period)
+        if not self.period > 0 or off.max() > JITTER * self.period:
+            k = int(off.argmax())
+            raise LogError(
+                f"time: {steps[k]:.6g} s pass from sample {k} to the next, and {self.period:.6g} s "
+                "usually; the clock must not jump: leave out the log before or after it"
+            )
+        if not np.isin(self.mode, (SINGLE, DOUBLE)).all():
+            raise LogError(f"mode: must be {SINGLE} (single stance) or {DOUBLE} (double stance)")
+
+    def __len__(self) -> int:
+        return len(np.atleast_1d(self.time))
+
+    @property
+    def period(self) -> float:
+        """Time from one sample to the next (s)."""
+        return float(np.median(np.diff(self.time)))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Log:
+        """Read a log, of `save` or with the same columns from elsewhere.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            LogError: it is damaged, lacks a column, or see `Log`.
+        """
+        path = Path(path)
+        try:
+            if path.suffix.lower() == ".npz":
+                with np.load(path, allow_pickle=False) as data:
+                    columns = {name: data[name] for name in data.files}
+            else:
+                table = np.genfromtxt(path, delimiter=",", names=True, ndmin=1)
+                columns = {name: table[name] for name in table.dtype.names or ()}
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError, zipfile.BadZipFile) as error:
+            raise LogError(f"{path}: damaged, or no log ({error})") from error
+        if missing := [name for name in NEEDED if name not in columns]:
+            raise LogError(f"{path}: has no column {', '.join(missing)}; needs {', '.join(NEEDED)}")
+        return cls(**{name: columns[name] for name in (*NEEDED, *OPTIONAL) if name in columns})
+
+    def save(self, path: str | Path) -> None:
+        """Write the log, as .npz or, with any other suffix, as CSV."""
+        path = Path(path)
+        columns = {name: getattr(self, name) for name in (*NEEDED, *OPTIONAL)}
+        columns = {name: column for name, column in columns.items() if column is not None}
+        if path.suffix.lower() == ".npz":
+            np.savez_compressed(path, **columns)
+        else:
+            table = np.column_stack(list(columns.values()))
+            np.savetxt(path, table, "%.9g", ",", header=",".join(columns), comments="")
+
+
+def require_usable(log: Log, params: WheelParams) -> None:
+    """Refuse a log that is too short, too still, or in other units, with a `LogError`."""
+    require_kind("log", log, Log)
+    c, single = params.constants, log.mode == SINGLE
+    outside = np.maximum(c.a - log.phi, log.phi - c.b) * single
+    if outside.max() > BEYOND:
+        raise LogError(
+            f"phi = {log.phi[outside.argmax()]:.4g}: must be from {c.a:.3g} to {c.b:.3g} rad, "
+            f"where the {params.n_legs} legs touch down; degrees, or another machine?"
+        )
+    turns = np.abs(np.diff(np.unwrap(log.theta))) / log.period
+    if turns.max() > MAX_RATE:
+        raise LogError(
+            f"theta: turns at {turns.max():.4g} rad/s; must be at most {MAX_RATE:g}; degrees, or "
+            "samples that are missing?"
+        )
+    if (length := log.period * (len(log) - 1)) < SHORTEST:
+        raise LogError(f"the log lasts {length:.3g} s: must be at least {SHORTEST:g} s")
+    if (turned := float(np.ptp(np.unwrap(log.theta)))) < STILLEST:
+        raise LogError(
+            f"the pendulum turns by {turned:.2g} rad in the log: must be at least {STILLEST:g} "
+            f"({math.degrees(STILLEST):.0f} degrees); drive it farther"
+        )
