@@ -42,10 +42,11 @@ def cluster(*, docs: MaybePath = None) -> int:
     Args:
         docs: a page, docs/cluster.md, to put the tables into.
     """
-    sections = {"tasks": real_tasks(), "model": model()}
-    print("\n\n".join(sections.values()))
-    if docs:
-        refresh(docs, MARKS, {name: text + "\n" for name, text in sections.items()})
+    for name, measured in (("tasks", real_tasks), ("model", model)):
+        text = measured()
+        print(text, flush=True)
+        if docs:
+            refresh(docs, MARKS, {name: text + "\n"})
     return 0
 
 
