@@ -89,16 +89,21 @@ def model() -> str:
 
     A worker waits `latency` for its next task, and driver and scheduler together need `cost` of
     each task, one after the other: tasks per second = min(workers / (length + latency), 1 / cost).
+    The first task reaches the last worker after workers x cost.
     """
     measured = {workers: _sleeping(workers) for workers in WORKERS}
     latency, cost = measured[1].latency, max(each.cost for each in measured.values())
 
+    def brief(workers: int) -> float:
+        seconds = EACH * (SLEEP + latency) + workers * measured[workers].cost
+        return EACH * SLEEP / seconds
+
     def efficiency(workers: int, length: float) -> str:
         return percent(length / workers * min(workers / (length + latency), 1 / cost))
 
-    head = ["sleeping workers", "CPU per task", f"efficiency, tasks of {SLEEP:g} s", "model"]
+    head = ["sleeping workers", "CPU per task", f"efficiency, {EACH} tasks of {SLEEP:g} s", "model"]
     rows = [
-        (f"{n}", f"{1e3 * each.cost:.1f} ms", percent(each.efficiency), efficiency(n, SLEEP))
+        (f"{n}", f"{1e3 * each.cost:.1f} ms", percent(each.efficiency), percent(brief(n)))
         for n, each in measured.items()
     ]
     predicted = [
