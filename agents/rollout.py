@@ -271,12 +271,12 @@ class Rollout:
         self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
         self._seen, _ = self._envs.reset(seed=seed, options=begin)
         self._policy, self._n_intervals = policy, n_intervals
+        self.running = np.arange(len(starts))
         begin_walks = getattr(policy, "begin", None)  # of a policy with memory, `AdaptivePolicy`
         if begin_walks is not None:
             self._policy = begin_walks(len(starts), lambda: self.running)
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
-        self.running = np.arange(len(starts))
 
     def command(self, speed: float | Floats) -> None:
         """Command another speed (m/s), one or one to each walk; it is observed an interval later.

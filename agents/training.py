@@ -75,6 +75,10 @@ EVALUATIONS = 20
 MAX_SEED = 2**32 - 1
 
 
+class DivergedError(ValueError):
+    """The weights of a training are infinite, or far too large."""
+
+
 @dataclasses.dataclass(frozen=True)
 class TrainingConfig:
     """What to train, and how.
@@ -349,7 +353,7 @@ class Trainer:
 
         Raises:
             KeyboardInterrupt: the training was stopped.
-            ValueError: the training has diverged.
+            DivergedError: the training has diverged.
         """
         if self._over >= self._total:
             return
@@ -504,8 +508,8 @@ class Trainer:
         if parts and not all(np.isfinite(each).all() for each in parts.weights.values()):
             raise self._divergence()
 
-    def _divergence(self) -> ValueError:
-        return ValueError(
+    def _divergence(self) -> DivergedError:
+        return DivergedError(
             f"the training has diverged: after {self._learner.steps} steps its weights are "
             f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
             "another --out and a smaller learning_rate (--settings)"

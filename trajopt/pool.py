@@ -1,4 +1,4 @@
-"""Independent tasks side by side: in local processes, or on a Dask or Ray cluster, by joblib.
+"""Independent tasks side by side: in local processes by joblib, or on a cluster (`cluster.py`).
 
 How far long work is appears on a terminal, unless it is a task of several.
 """
@@ -13,26 +13,14 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager
 from contextvars import ContextVar
-from itertools import islice
 from typing import Any, TypeVar
 
 from tqdm import tqdm
 
-from rimless_gym.checks import extra
-
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-
-#: The environment variable that chooses the backend where no argument does.
-BACKEND = "RIMLESS_BACKEND"
-
-#: The backend of processes on this computer, joblib's "loky".
-LOCAL = "local"
-
-#: Tasks at a time on a cluster whose backend returns lists, and whose size is not given.
-ROUND = 64
 
 #: How often a progress bar shows the time (s).
 TICK = 1.0
@@ -42,6 +30,11 @@ WATCH = 0.5
 
 #: How many cores the task that this worker does may use; None in other processes.
 _share: ContextVar[int | None] = ContextVar("_share", default=None)
+
+#: What does the tasks in place of local processes; see `elsewhere`.
+_engine: ContextVar[Callable[..., Generator[Any, None, None]] | None] = ContextVar(
+    "_engine", default=None
+)
 
 
 class KilledError(RuntimeError):
@@ -54,37 +47,35 @@ def run(
     workers: int | None = None,
     *,
     progress: str = "",
-    backend: str | None = None,
 ) -> Generator[tuple[Task, Result], None, None]:
     """Call a function for every task; each task with its result, as they are finished.
 
     With one local worker, or one task, this process does the work, in the order of the tasks. An
-    exception, of a task or where the results are used, ends the others: local workers are killed.
-    They end with this process, too, however it ends. (Use `contextlib.closing` where the end of
-    the loop must not wait for the interpreter to collect the iterator.)
+    exception, of a task or where the results are used, ends the others. They end with this process,
+    too, however it ends. (Use `contextlib.closing` where the end of the loop must not wait for the
+    interpreter to collect the iterator.)
 
     Args:
         function: of one task. In other processes it and its results must be picklable; functions
             that are defined in a script or in other functions are, by cloudpickle.
         tasks: are drawn one by one, when a worker is about to be free.
-        workers: how many processes; by default as many as `cores`, or all of a cluster's.
+        workers: how many local processes; by default as many as `cores`. A cluster
+            (`trajopt.cluster.connected`) is used as a whole.
         progress: title of a progress bar, shown on a terminal; none by default.
-        backend: "local", "dask" (the cluster of DASK_SCHEDULER_ADDRESS, or a local one), "ray", or
-            another of joblib's; by default that of the environment variable RIMLESS_BACKEND.
 
     Raises:
+        ConnectionError: the cluster has ended, or has other versions.
         KilledError: a worker was killed.
-        MissingExtraError: Dask or Ray is not installed.
     """
-    backend = backend or os.environ.get(BACKEND) or LOCAL
     total = len(tasks) if isinstance(tasks, Sized) else None
-    if backend == LOCAL:
-        workers = workers or cores()
-        workers = workers if total is None else max(1, min(workers, total))
-    if backend == LOCAL and workers == 1:
+    workers = workers or cores()
+    workers = workers if total is None else max(1, min(workers, total))
+    if engine := _engine.get():
+        results = engine(function, tasks)
+    elif workers == 1:
         results = ((task, function(task)) for task in tasks)
     else:
-        results = _shared(function, tasks, workers, backend)
+        results = _shared(function, tasks, workers)
     bar = progress_bar(progress, bool(progress), total=total, smoothing=0.1)
     with closing(results), bar:
         for each in results:
@@ -124,68 +115,56 @@ def cores() -> int:
     return _share.get() or os.cpu_count() or 1
 
 
+@contextmanager
+def elsewhere(engine: Callable[..., Generator[Any, None, None]]) -> Iterator[None]:
+    """Within this block, `run` returns what `engine` does, which takes a function and tasks."""
+    token = _engine.set(engine)
+    try:
+        yield
+    finally:
+        _engine.reset(token)
+
+
 def _shared(
-    function: Callable[[Task], Result], tasks: Iterable[Task], workers: int | None, backend: str
+    function: Callable[[Task], Result], tasks: Iterable[Task], workers: int
 ) -> Generator[tuple[Task, Result], None, None]:
     import joblib  # a quarter of a second
 
-    share = max(1, cores() // (workers or cores()))
+    share = max(1, cores() // workers)
     drawn: dict[int, Task] = {}
 
     def calls() -> Iterator[Any]:
         for number, task in enumerate(tasks):
             drawn[number] = task
-            yield joblib.delayed(_call)(function, task, number, share)
+            yield joblib.delayed(call)(function, task, number, share)
 
-    config: dict[str, Any] = {"backend": backend, "n_jobs": workers or -1}
-    if backend == LOCAL:
-        config = {"backend": "loky", "n_jobs": workers}
-        config |= {"initializer": _begin, "initargs": (os.getpid(),)}
-    settings: dict[str, Any] = {"batch_size": 1, "pre_dispatch": "n_jobs"}
-    settings["max_nbytes"] = None  # or large arrays would reach tasks as read-only files
-    with _connected(backend):
-        with joblib.parallel_config(**config):
-            try:
-                parallel = joblib.Parallel(**settings, return_as="generator_unordered")
-            except ValueError:  # Ray's backend returns lists
-                lists = joblib.Parallel(**settings)
-
-                def parallel(calls: Iterator[Any]) -> Generator[Any, None, None]:
-                    while some := list(islice(calls, workers or ROUND)):
-                        yield from lists(some)
-
-        results: Generator[tuple[int, Result], None, None] | None = None
-        try:
-            with _ctrl_c_blocked():  # workers and threads that start in here inherit this
-                results = parallel(calls())
-            for number, result in results:
-                yield drawn.pop(number), result
-        except BrokenProcessPool as error:  # perhaps before the last task was given out
-            raise KilledError(
-                "a worker process ended before its work was done: it was killed, most likely "
-                "because memory ran out; make room, or use fewer workers"
-            ) from error
-        finally:
-            if results is not None:
-                with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
-                    results.close()
+    config: dict[str, Any] = {"backend": "loky", "n_jobs": workers}
+    config |= {"initializer": _begin, "initargs": (os.getpid(),)}
+    with joblib.parallel_config(**config):
+        parallel = joblib.Parallel(
+            batch_size=1,
+            pre_dispatch="n_jobs",
+            max_nbytes=None,  # or large arrays would reach tasks as read-only files
+            return_as="generator_unordered",
+        )
+    results: Generator[tuple[int, Result], None, None] | None = None
+    try:
+        with ctrl_c_blocked():  # workers and threads that start in here inherit this
+            results = parallel(calls())
+        for number, result in results:
+            yield drawn.pop(number), result
+    except BrokenProcessPool as error:  # perhaps before the last task was given out
+        raise KilledError(
+            "a worker process ended before its work was done: it was killed, most likely "
+            "because memory ran out; make room, or use fewer workers"
+        ) from error
+    finally:
+        if results is not None:
+            with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
+                results.close()
 
 
-def _connected(backend: str) -> AbstractContextManager[Any]:
-    """The connection to a cluster, if the backend has one, closed at the end of a block."""
-    with extra("cluster"):
-        if backend == "ray":
-            from ray.util.joblib import register_ray
-
-            register_ray()
-        if backend == "dask":
-            from distributed import Client
-
-            return Client()
-    return nullcontext()
-
-
-def _call(
+def call(
     function: Callable[[Task], Result], task: Task, number: int, share: int
 ) -> tuple[int, Result]:
     """Call a function in a worker."""
@@ -213,7 +192,7 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _ctrl_c_blocked() -> Iterator[None]:
+def ctrl_c_blocked() -> Iterator[None]:
     """Hold back Ctrl-C until the end of the block."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

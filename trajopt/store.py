@@ -15,6 +15,7 @@ import importlib.metadata
 import json
 import math
 import os
+import platform
 import re
 import subprocess
 import time
@@ -93,6 +94,15 @@ class Store:
     def __exit__(self, *error: object) -> None:
         self._lock.release()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs; the lock stays here."""
+        return {name: value for name, value in self.__dict__.items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Refuse a computer that does not have the folder."""
+        self.__dict__.update(state)
+        require_shared(self.folder)
+
     def __contains__(self, key: str) -> bool:
         """Whether there is a result that is undamaged and whose files are unchanged."""
         return self._read(key) is not None
@@ -166,6 +176,15 @@ class Store:
 
     def _path(self, key: str, suffix: str) -> Path:
         return self.folder / f"{key}.{suffix}"
+
+
+def require_shared(folder: Path) -> None:
+    """Refuse, on a worker of a cluster, a folder that only the command's computer has."""
+    if not folder.is_dir():
+        raise FileNotFoundError(
+            f"{folder.absolute()}: no such folder on the worker {platform.node()}: choose one on a "
+            "file system that all workers share"
+        )
 
 
 def key(name: str, **inputs: Any) -> str:

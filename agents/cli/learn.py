@@ -1,4 +1,4 @@
-"""`rimless train` and `rimless compare`."""
+"""`rimless train`, `rimless tune` and `rimless compare`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from agents.cli.options import (
     Count,
     Fields,
     Flag,
+    MaybeCount,
     MaybePositive,
     MaybeRange,
     MaybeWhole,
@@ -48,7 +49,7 @@ def train(
     However it was stopped, the same command continues, and ends with the same policies.
 
     Args:
-        algo: learner: ppo, sac, evolution, or cma_es, which fine-tunes
+        algo: learner: ppo, sac, evolution; cma_es and gradients fine-tune
         init: scratch, imitation, or a policy's file to start from
         expert: what to imitate: a feedback law (see `rimless list`), or a policy's file to distil
         seed: of everything random
@@ -93,6 +94,62 @@ def train(
     trained(config, out)
     best = out / learner.recommended
     print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
+    return 0
+
+
+def tune(
+    *,
+    algo: str = "ppo",
+    trials: Count = 50,
+    init: str = "scratch",
+    prior: str | None = None,
+    seed: Whole = 0,
+    timesteps: MaybeWhole = None,
+    preset: Preset = "BUILDABLE",
+    params: Fields = None,
+    task: Fields = None,
+    settings: Fields = None,
+    out: Path = Path("runs/tune"),
+    workers: MaybeCount = None,
+) -> int:
+    """Search for the hyperparameters of a learner with Optuna.
+
+    Writes best.yml, which rl-zoo3 reads as --conf-file, optuna.journal, an Optuna study, and the
+    training of every trial into a folder. However it was stopped, the same command continues; so it
+    does with more trials.
+
+    Args:
+        algo: ppo or sac
+        trials: trainings in all
+        init: as of `rimless train`
+        prior: as of `rimless train`
+        seed: of everything random
+        timesteps: time steps of a trial; by default the learner's own
+        preset: machine
+        params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
+        task: weights of the reward: distance_weight=0.8
+        settings: hyperparameters that are not searched for: gamma=0.995
+        out: folder of the search
+        workers: processes; by default as many as cores
+    """
+    from agents.training import TrainingConfig
+    from agents.tuning import BEST
+    from agents.tuning import tune as tuned
+
+    config = TrainingConfig(
+        algo,
+        init,
+        seed,
+        timesteps,
+        machine(preset, params),
+        task,
+        hyperparameters=settings or {},
+        prior=prior,
+    )
+    config.training()  # what is refused here makes no folder
+    require_folder(out)
+    score = tuned(config, trials, out, workers)
+    print(f"best score {score:.4g}: {out / BEST}")
     return 0
 
 

@@ -25,17 +25,21 @@ import tyro
 from agents.cli.evaluate import evaluate
 from agents.cli.gait import catalog, gait, warmup
 from agents.cli.identify import identify, log
-from agents.cli.learn import compare, train
-from agents.cli.options import joined_fields
+from agents.cli.learn import compare, train, tune
+from agents.cli.options import MaybeAddress, joined_fields
 from agents.cli.watch import data, page, play, watch
 
 #: Exit status: of refused input; of commands ended by Ctrl-C; of output that nobody reads.
 REFUSED, INTERRUPTED, UNREAD = 2, 130, 141
 
+#: The option of every command that has `--workers`.
+CLUSTER = "cluster: work on dask://HOST:PORT, ray://HOST:PORT, or auto: Dask on this computer"
+
 COMMANDS: Mapping[str, Callable[..., int]] = {
     "train": train,
     "evaluate": evaluate,
     "compare": compare,
+    "tune": tune,
     "gait": gait,
     "watch": watch,
     "play": play,
@@ -166,10 +170,32 @@ def _later(function: Callable[..., int]) -> Callable[..., Callable[[], int]]:
 
     call.__name__ = function.__name__
     call.__annotations__ = get_type_hints(function, include_extras=True)
-    call.__signature__ = inspect.signature(function)  # type: ignore[attr-defined]
+    signature, about = inspect.signature(function), inspect.cleandoc(function.__doc__ or "")
+    if "workers" in signature.parameters:
+        function = _on_cluster(function)
+        call.__annotations__["cluster"] = MaybeAddress
+        option = inspect.Parameter("cluster", inspect.Parameter.KEYWORD_ONLY, default=None)
+        signature = signature.replace(parameters=[*signature.parameters.values(), option])
+        about = re.sub(r"^( *)workers: .*(\n\1 .*)*", rf"\g<0>\n\g<1>{CLUSTER}", about, flags=re.M)
+    call.__signature__ = signature  # type: ignore[attr-defined]
     # tyro keeps line breaks in the description of an option
-    call.__doc__ = re.sub(r"\n {8}", " ", inspect.cleandoc(function.__doc__ or ""))
+    call.__doc__ = re.sub(r"\n {8}", " ", about)
     return call
+
+
+def _on_cluster(command: Callable[..., int]) -> Callable[..., int]:
+    """A command with workers and the option `cluster`, on whose workers it does its work."""
+
+    @functools.wraps(command)
+    def run(*arguments: object, cluster: str | None, workers: int | None, **options: object) -> int:
+        if cluster is None:
+            return command(*arguments, workers=workers, **options)
+        from trajopt.cluster import connected
+
+        with connected(cluster, workers):
+            return command(*arguments, workers=workers, **options)
+
+    return run
 
 
 def _complaint(box: str) -> str:

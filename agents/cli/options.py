@@ -127,6 +127,7 @@ Positive = Annotated[float, one("NUMBER", positive)]
 MaybeCount = Annotated[int | None, one("INT", whole(1)), NO_DEFAULT]
 MaybeWhole = Annotated[int | None, one("INT", whole(0)), NO_DEFAULT]
 MaybePositive = Annotated[float | None, one("NUMBER", positive), NO_DEFAULT]
+MaybeAddress = Annotated[str | None, one("ADDRESS", str), NO_DEFAULT]
 MaybePath = Annotated[Path | None, one("PATH", Path), NO_DEFAULT]
 
 #: Two numbers, the lesser first.

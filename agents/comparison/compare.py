@@ -28,7 +28,7 @@ from agents.learner import CLONE, IMITATION
 from agents.policy_files import NamedPolicy, load_policy
 from rimless_gym.rendering.display import save_gif
 from trajopt.pool import run
-from trajopt.store import Store, jsonable, provenance, write_text
+from trajopt.store import Store, jsonable, provenance, require_shared, write_text
 
 #: Of the results in a study's folder.
 FORMAT = 4
@@ -126,6 +126,7 @@ def _missing(out: Path, method: Method) -> bool:
 
 def _compute(setting: Setting, alone: bool, method: Method) -> float:
     """Compute a result once its inputs are there, and save it; return the seconds that it took."""
+    require_shared(setting.out)
     while _missing(setting.out, method):  # another process is computing them
         time.sleep(CHECK)
     began = time.perf_counter()

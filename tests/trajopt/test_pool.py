@@ -8,20 +8,17 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import joblib
 import pytest
 
 from agents import train
 from agents.evaluate import evaluate, evaluate_commanded
 from agents.gaps import gap_to_optimum
-from rimless_gym.checks import MissingExtraError
 from trajopt import cot_front, multi_start, periodic_gait
-from trajopt.pool import BACKEND, KilledError, announce, cores, progress_bar, run
+from trajopt.pool import KilledError, announce, cores, progress_bar, run
 
 ROOT = Path(__file__).parents[2]
 
@@ -181,23 +178,3 @@ def test_an_exception_where_results_are_used_abandons_the_work() -> None:
     with pytest.raises(OSError, match="disk full"):
         disk_full()
     assert time.monotonic() - begin < 60
-
-
-@pytest.mark.parametrize("streams", [True, False])
-def test_the_backend_is_one_of_joblibs(streams: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Cluster(joblib.parallel.ThreadingBackend):
-        supports_retrieve_callback = streams
-
-    def thread(number: int) -> int:
-        return threading.get_ident()
-
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtraError, match=r"rimless-gym\[cluster\]"):
-        list(run(thread, range(2), backend="dask"))
-    monkeypatch.setenv(BACKEND, "nothing")
-    with pytest.raises(ValueError, match="nothing"):
-        list(run(thread, range(2)))
-    joblib.register_parallel_backend("cluster", Cluster)
-    results = dict(run(thread, range(5), workers=2, backend="cluster"))
-    assert list(results) == list(range(5)) or streams
-    assert threading.get_ident() not in results.values()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -210,3 +212,13 @@ def test_an_input_may_have_any_name_and_results_of_unknown_inputs_are_refused(
     (tmp_path / "inputs.json").unlink()
     with pytest.raises(ValueError, match=r"results but no inputs\.json"):
         Store(tmp_path, {"versions": 1, "git_revision": "a"}).__enter__()
+
+
+def test_a_store_in_use_reaches_workers_that_have_its_folder(tmp_path: Path) -> None:
+    with Store(tmp_path / "here", {"seed": 1}) as store:
+        store.save("a", 1)
+        sent = pickle.dumps(store)
+    assert pickle.loads(sent).load("a") == 1
+    shutil.rmtree(tmp_path / "here")
+    with pytest.raises(FileNotFoundError, match="that all workers share"):
+        pickle.loads(sent)

@@ -40,6 +40,10 @@ from trajopt.store import Store, key
 #: By how much each parameter differs in the table, up and down: a share, and of the slope (rad).
 SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
 
+#: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
+#: their kind within it.
+BENT = 0.5
+
 #: A machine so many steps away (the root of the sum of squares) has its gait solved for, which
 #: takes so long (s); until then it has the table's law, and then the table's with a correction.
 FAR, PLANNING = 2.5, 4.0
@@ -128,8 +132,7 @@ class GaitTable:
             workers: processes; by default one for every core.
 
         Raises:
-            ValueError: no law is found of the nominal machine, or of one that differs, neither of
-                that with a step more nor of that with a step less.
+            ValueError: a machine that differs has no such gait, or too different a law.
         """
         nominal = gait.params
         names = (*physical(nominal), "slope") if names is None else tuple(names)
@@ -151,7 +154,7 @@ class GaitTable:
             rows[name] = row
             if store is not None:
                 store.save(name, row)
-        return cls(gait, law_about(gait), names, _complete([rows[k] for k in keys], names))
+        return cls(gait, law_about(gait), names, _smooth([rows[k] for k in keys], gait, names))
 
     @property
     def params(self) -> WheelParams:
@@ -170,15 +173,20 @@ class GaitTable:
         return np.asarray(self.rows[0] + ((up - down) * d + (up + down) * d**2).sum(axis=0) / 2)
 
 
-def _complete(rows: Sequence[Floats | None], names: Sequence[str]) -> Floats:
-    """The rows of a table; where one is missing, the parameter's law is taken to be linear."""
-    first, others = rows[0], []
+def _smooth(rows: Sequence[Floats | None], gait: Solution, names: Sequence[str]) -> Floats:
+    """The rows of a table; refuses a gait near which others change their kind."""
     for name, up, down in zip(names, rows[1::2], rows[2::2], strict=True):
-        if first is None or (up is None and down is None):
-            raise ValueError(f"{name}: no law is found of machines near this one that differ in it")
-        up = 2 * first - down if up is None else up  # type: ignore[operator]
-        others += [up, 2 * first - up if down is None else down]
-    return np.array([first, *others])
+        if rows[0] is None or up is None or down is None:
+            found = "no gait was found that a law holds"
+        else:
+            bent = np.abs(up + down - 2 * rows[0]).max() / np.abs(up - down).max()
+            found = "" if bent < BENT else f"the law bends by {bent:.2f} of its change"
+        if found:
+            raise ValueError(
+                f"{gait.speed:.4g} m/s: with a little more or less of {name}, {found}, of which at "
+                f"most {BENT} fits a table; choose another speed, such as 0.566 m/s of BUILDABLE"
+            )
+    return np.array(rows)
 
 
 def _steps(params: WheelParams, names: Sequence[str]) -> Floats:

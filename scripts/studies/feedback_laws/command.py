@@ -103,11 +103,13 @@ def study(
     results: dict[str, Any] = {gait: {law: {} for law in names} for gait in gaits}
     errors = {}
     with Store(folder) as store:
-        # Decision times one at a time, or they would slow each other down.
-        for timing, number in ((True, 1), (False, workers)):
+        for timing in (True, False):
             some = [task for task in tasks if (task.measure == TIMING) is timing]
             todo = [task for task in some if keys[task] not in store]
-            for task, result in run(measured, todo, number, progress="feedback laws"):
+            # Decision times one at a time and here, or they would slow each other down.
+            one_by_one = ((task, measured(task)) for task in todo)
+            side_by_side = run(measured, todo, workers, progress="feedback laws")
+            for task, result in one_by_one if timing else side_by_side:
                 if "error" in result:  # of one law: others continue
                     errors[f"{task.gait}, {task.law}, {task.measure}"] = result["error"]
                 else:

@@ -110,6 +110,7 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
         ("--loud", "Unrecognized options: --loud"),
         ("train --sed 3", "--sed, 3; did you mean --seed?"),
         ("gait --workers 0", "--workers: '0': must be an integer of at least 1"),
+        ("gait --cluster tcp://here:8786", "must be dask://HOST:PORT, ray://HOST:PORT or auto"),
         ("gait --preset x", "invalid choice 'x' for argument '--preset'. Expected one of"),
         ("gait --params PROTOTYPE", "'PROTOTYPE': must be a JSON object {...}, or key=value"),
         ("gait --guess none.npz", "none.npz: no such file"),
