@@ -108,6 +108,7 @@ study: $(DEVELOPERS)
 front: $(DEVELOPERS)
 	$(STUDY) front --preset $(PRESET) $(ARGS)
 	$(STUDY) strides --preset $(PRESET) $(ARGS)
+	$(STUDY) rests --preset $(PRESET) $(ARGS)
 
 feedback: $(DEVELOPERS)
 	$(STUDY) feedback --docs docs/feedback.md $(ARGS)

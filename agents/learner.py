@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 LEARNERS = {
     "cma_es": "agents.sb3.cma_es:CmaEs",
     "evolution": "agents.evolution.learner:Evolution",
+    "gradients": "agents.sb3.gradients:Gradients",
     "ppo": "agents.sb3.learner:Ppo",
     "sac": "agents.sb3.learner:Sac",
 }

@@ -49,7 +49,7 @@ def train(
     However it was stopped, the same command continues, and ends with the same policies.
 
     Args:
-        algo: learner: ppo, sac, evolution, or cma_es, which fine-tunes
+        algo: learner: ppo, sac, evolution; cma_es and gradients fine-tune
         init: scratch, imitation, or a policy's file to start from
         expert: what to imitate: a feedback law (see `rimless list`), or a policy's file to distil
         seed: of everything random

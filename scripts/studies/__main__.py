@@ -26,6 +26,7 @@ STUDIES = {
     "own_wheel": "own_wheel",
     "processors": "processors",
     "publish": "publish",
+    "rests": "fronts.rests",
     "returns": "returns",
     "robustness": "robustness",
     "stop_and_go": "stop_and_go",

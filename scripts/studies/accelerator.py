@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.cli.options import Count
+from agents.cli.options import Count, MaybePath
 from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.envs.starts import draw_start
 from rimless_gym.kernel.stepping import HybridState, advance, hybrid_states
 from rimless_gym.presets import preset
 from scripts.studies.benchmark.ours import PRESET, load_walks
+from scripts.studies.documents import markdown
 
 Floats = NDArray[np.float64]
 Intervals = tuple[Floats, Floats]  # hybrid states (N, 6) at their beginnings, voltages (N,)
@@ -32,36 +33,98 @@ FOLDER = Path("runs", "bench")
 DIFFERENT = 4096  # intervals; batches repeat them
 LEAST = 1.0  # seconds of a measurement
 
+SECTION = "speed"
+MARKS = markdown.marks("accelerator", (SECTION,))
 
-def accelerator(*, rows: Count = 10**6, out: Path = FOLDER) -> int:
+
+def accelerator(
+    *,
+    rows: Count = 2**22,
+    out: Path = FOLDER,
+    results: MaybePath = None,
+    docs: MaybePath = None,
+) -> int:
     """Measure intervals per second, and the largest differences from the compiled simulator.
 
     Walks are recorded the first time; that needs CasADi. A machine without it can be given the
     file walks_128.npz.
 
     Args:
-        rows: that are advanced at once.
+        rows: at most that are advanced at once; and half, and a quarter of them.
         out: folder for accelerator.json.
+        results: an accelerator.json that another machine has measured, to be shown.
+        docs: a page, docs/environment.md, to put the table into; accelerator.json goes beside it.
     """
+    found = json.loads(results.read_text()) if results else measured_here(rows, out)
+    if docs:
+        docs.with_name("accelerator.json").write_text(json.dumps(found, indent=1) + "\n")
+        markdown.refresh(docs, MARKS, {SECTION: table(found)})
+    print(table(found))
+    return 0
+
+
+def measured_here(rows: int, out: Path) -> dict[str, Any]:
+    """What the accelerator at hand does, and what the compiled simulator does beside it."""
     with extra("jax"):
         import jax
 
         from rimless_gym.jax import WheelEnv
     out.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
-    device, cores = jax.devices()[0].device_kind, len(os.sched_getaffinity(0))
-    about = {"device": device, "jax": jax.__version__, "cores": cores, "rows": rows}
-    print(about)
-    results: list[dict[str, Any]] = []
+    cores, results = len(os.sched_getaffinity(0)), list[dict[str, Any]]()
+    found = {
+        "device": jax.devices()[0].device_kind,
+        "jax": jax.__version__,
+        "cores": cores,
+        "bandwidth": bandwidth(rows),
+        "results": results,
+    }
     for motion, given in {"walks": walks(out), "random": played()}.items():
         fast = kernel_speed(given, rows, cores)
-        results.append({"motion": motion, "by": "kernel", "per_second": fast})
+        results.append({"motion": motion, "by": "kernel", "rows": rows, "per_second": fast})
         for dtype in ("float32", "float64"):
-            found = measured(WheelEnv(params=PRESET, dtype=dtype), given, rows)
-            results.append({"motion": motion, "by": dtype} | found)
-        print(*results[-3:], sep="\n", flush=True)
-    (out / "accelerator.json").write_text(json.dumps(about | {"results": results}, indent=1))
-    return 0
+            env = WheelEnv(params=PRESET, dtype=dtype)
+            for count in (rows // 4, rows // 2, rows):
+                about = {"motion": motion, "by": dtype, "rows": count}
+                results.append(about | measured(env, given, count))
+                print(results[-1], flush=True)
+        (out / "accelerator.json").write_text(json.dumps(found, indent=1))
+    return found
+
+
+def table(found: dict[str, Any]) -> str:
+    """The table of the page, and what limits the speed."""
+    cells: dict[tuple[str, int], list[str]] = {}
+    for one in found["results"]:
+        row = cells.setdefault((one["by"], one["rows"]), [])
+        row.append(markdown.count(one["per_second"]))
+    titles = {
+        "kernel": f"compiled simulator, {found['cores']} cores",
+        "float32": "float32, RK4",
+        "float64": "float64, DOP853",
+    }
+    rows = [[titles[by], f"{n:,}", *cell] for (by, n), cell in cells.items()]
+    head = ["", "rows at once", "walks (1/s)", "random play (1/s)"]
+    most = [one for one in found["results"] if one["by"] == "float32"][-1]
+    flops, size = (most[name] / most["rows"] for name in ("flops", "bytes"))
+    limit = (
+        f"{found['device']}, jax {found['jax']}. In float32 an attempt at a step is "
+        f"{flops / 1e3:.1f} kflop and moves {size / 1e3:.1f} kB (XLA's count). Doubling an array "
+        f"moved {found['bandwidth'] / 1e12:.1f} TB/s beside it, which allows "
+        f"{markdown.count(found['bandwidth'] / size)} attempts per second, and an interval takes "
+        "two to four: memory is the limit, not arithmetic."
+    )
+    return f"{markdown.table(head, rows)}\n\n{limit}\n"
+
+
+def bandwidth(rows: int) -> float:
+    """Bytes per second, read and written, of doubling an array."""
+    import jax
+    import jax.numpy as jnp
+
+    array = jnp.ones(64 * rows, jnp.float32)
+    double = jax.jit(lambda x: 2 * x).lower(array).compile()
+    return 2 * per_second(lambda: jax.block_until_ready(double(array)), array.nbytes)
 
 
 def walks(folder: Path) -> Intervals:
@@ -128,7 +191,15 @@ def measured(env: Any, given: Intervals, rows: int) -> dict[str, Any]:
         for name in ("touchdown_time", "electrical_positive")
     }
     differences["state"] = most(found[:, :4], folded(states)[:, :4])
-    return {"per_second": fast, "compile": compiling, "disagree": int(other.sum()), **differences}
+    cost = program.cost_analysis()
+    return {
+        "per_second": fast,
+        "flops": cost["flops"],
+        "bytes": cost["bytes accessed"],
+        "compile": compiling,
+        "disagree": int(other.sum()),
+        **differences,
+    }
 
 
 def kernel_speed(given: Intervals, rows: int, cores: int) -> float:

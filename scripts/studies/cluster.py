@@ -11,6 +11,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
+from functools import partial
 from typing import Any, NamedTuple
 
 import cloudpickle
@@ -59,7 +60,7 @@ def real_tasks() -> str:
     for name, workers in (("local processes", 2), ("Dask", 1), ("Dask", 2)):
         with connected("auto", workers) if name == "Dask" else nullcontext():
             list(pool.run(_timed_attempts, tasks[:workers], workers))  # imports
-            seconds, results = _timed(lambda n=workers: pool.run(_timed_attempts, tasks, n))
+            seconds, results = _timed(partial(pool.run, _timed_attempts, tasks, workers))
         inside = sum(duration for _, (duration, _, _) in results)
         cpu = sum(each for _, (_, each, _) in results) / len(tasks)
         rows.append((name, workers, f"{cpu:.2f}", percent(inside / (workers * seconds))))

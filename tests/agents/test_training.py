@@ -155,7 +155,7 @@ def test_a_training_for_commanded_speeds_observes_them(tmp_path, finished):
 @pytest.mark.parametrize(
     ("algo", "changes", "error", "message"),
     [
-        ("td3", {}, ValueError, r"algo = 'td3': choose from \['cma_es', 'evolution', 'ppo'"),
+        ("td3", {}, ValueError, r"algo = 'td3': choose from \['cma_es', 'evolution', 'gradi"),
         ("ppo", {"seed": 2**32}, ValueError, "seed = 4294967296: must be .* at most 4294967295"),
         ("ppo", {"init": "none.zip"}, CheckpointError, r"none\.zip.*check the path"),
         ("ppo", {"cloning": QUICK}, ValueError, "expert and cloning are for init = 'imitation'"),

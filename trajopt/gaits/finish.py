@@ -14,18 +14,19 @@ from trajopt.gaits.solution import Optimality, Solution
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
+    Span,
     begun,
-    simulated_steps,
+    simulated_span,
     simulated_stride,
-    step_error,
-    step_maps,
-    successors,
+    span_map,
+    spans,
+    state_error,
     transition,
     verify,
 )
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.extremal import Extremal
-from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.solve import WARM_BARRIERS, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.store import provenance
 
@@ -75,7 +76,7 @@ def finished(
         *(optimum.problem, optimum, optimum.mesh),
         tolerance=FINE_TOLERANCE,
         verify=False,
-        mu_init=WARM_BARRIER,
+        mu_init=WARM_BARRIERS[-1],
     )
     again = gait(finer) if finer.succeeded else solution
     return again if again.verification.passed else solution
@@ -84,26 +85,31 @@ def finished(
 def polished(
     params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
 ) -> tuple[PhaseTrajectory, ...]:
-    """The gait with each step's initial rates and angle corrected by rounding-sized amounts.
+    """The gait with each span's initial state corrected by rounding-sized amounts.
 
     A slow step magnifies deviations by up to 1e6, so that the 1e-12 which a solver leaves would
-    show. Newton's method on the reference simulation of all steps (multiple shooting), with the
+    show. Newton's method on the reference simulation of all spans (multiple shooting), with the
     gait's own linearisation.
     """
     current = _landing_softly(params, phases)
-    best, polished_phases = step_error(params, current, turns)[0], tuple(current)
+    best, polished_phases = state_error(params, current, turns)[0], tuple(current)
     for _ in range(NEWTON_STEPS):
         if best < 0.1 * STATE_TOLERANCE:
             break
-        runs = simulated_steps(params, current, SPARE_TIMES[:1])
-        pairs = zip(runs, successors(current, turns), strict=True)
-        gaps = np.array([run.x[-1] - after for run, after in pairs])
-        if any(len(run.events) != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
+        parts = spans(params, current, turns)
+        runs = [simulated_span(params, span, SPARE_TIMES[:1]) for span in parts]
+        gaps = np.array([run.x[-1] - span.after for run, span in zip(runs, parts, strict=True)])
+        ended = [
+            len(run.events) == (span.following is not None)
+            for run, span in zip(runs, parts, strict=True)
+        ]
+        if not all(ended) or np.abs(gaps).max() > LARGEST_GAP:
             break
-        for i, shift in enumerate(_shifts(params, current, gaps)):
-            current[i] = begun(current[i], current[i].start + [0.0, *shift])
+        for span, shift in zip(parts, _shifts(params, parts, gaps), strict=True):
+            start = span.phase.start + shift
+            current[span.step] = begun(current[span.step], start, span.element)
         current = _landing_softly(params, current)
-        error = step_error(params, current, turns)[0]
+        error = state_error(params, current, turns)[0]
         if error < best:
             best, polished_phases = error, tuple(current)
     return polished_phases
@@ -133,16 +139,18 @@ def _landing_softly(
     return corrected
 
 
-def _shifts(params: WheelParams, phases: Sequence[PhaseTrajectory], gaps: Array) -> Array:
-    """The changes of all phases' starts, phi left out, that close the gaps (phases, 4) after them.
+def _shifts(params: WheelParams, parts: Sequence[Span], gaps: Array) -> Array:
+    """The changes of all spans' starts, (spans, 4), that close the gaps (spans, 4) after them.
 
-    A leg that starts at rest stays at rest.
+    A step begins where its leg lands, and a leg that starts at rest stays at rest.
     """
-    n = len(phases)
-    matrix = np.zeros((n, 4, n, 4))
-    for i, step in enumerate(step_maps(params, phases)):
-        matrix[i, :, i] += step
+    n = len(parts)
+    matrix, free = np.zeros((n, 4, n, 4)), np.ones((n, 4), dtype=bool)
+    for i, span in enumerate(parts):
+        matrix[i, :, i] += span_map(params, span)
         matrix[i, :, (i + 1) % n] -= np.eye(4)
-    matrix[:, :, [phase.start[2] == 0.0 for phase in phases], 2] = 0.0
-    unknowns = matrix[..., 1:].reshape(4 * n, 3 * n)
-    return np.asarray(-np.linalg.lstsq(unknowns, gaps.ravel(), rcond=1e-8)[0]).reshape(n, 3)
+        free[i, 0] = span.element > 0
+        free[i, 2] = span.element > 0 or span.phase.start[2] != 0.0
+    unknowns, shifts = matrix.reshape(4 * n, 4 * n)[:, free.ravel()], np.zeros((n, 4))
+    shifts[free] = -np.linalg.lstsq(unknowns, gaps.ravel(), rcond=1e-8)[0]
+    return shifts

@@ -327,6 +327,7 @@ def _report(gait: Solution) -> str:
     v = gait.verification
     outcome = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
     # Gaits saved by earlier versions were simulated in one and have no chain.
+    part = "a step" if v.spans <= len(gait.phases) else f"{v.spans} spans"
     chain = "" if math.isnan(v.chain_error) else f", {v.chain_error:.1e} in a chain of steps"
     touchdowns = gait.phase_times[1 : gait.steps + 1]
     demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
@@ -347,7 +348,7 @@ def _report(gait: Solution) -> str:
         f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
         f"(ground offers {gait.params.friction:g})",
         f"  pendulum's clearance    {v.clearance:.3f} m",
-        f"  re-simulated            off by {v.state_error:.1e} in a step{chain}",
+        f"  re-simulated            off by {v.state_error:.1e} in {part}{chain}",
         f"  energy audit            off by {v.energy_audit:.1e} J",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -32,6 +32,10 @@ STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
 SPARE_TIMES = (1e-8, 5e-8, 2e-7, 1e-6)  # past the end of a stride, for its last touchdown (s)
 
+#: Where deviations may have grown by more within a step, its simulation begins anew from the gait,
+#: so that the simulator's rounding, 1e-13, stays below a tenth of `STATE_TOLERANCE`.
+MOST_GROWTH = 1e6
+
 #: A chain of steps that deviates by more (rad, rad/s) is not followed further.
 LOST = 0.01
 
@@ -48,7 +52,7 @@ class Verification:
 
     Attributes:
         state_error: largest deviation from the interpolated state, and from the start of the next
-            step, when every step is simulated from its own start without feedback (rad, rad/s);
+            span, when every span is simulated from its own start without feedback (rad, rad/s);
             infinite if a touchdown does not match.
         energy_audit: |E - (idle + losses + collisions - work of the slope)| (J).
         electrical_positive: E+ of the stride, idle included (J).
@@ -69,6 +73,8 @@ class Verification:
         chain_error: the state error when each step is simulated from where the one before ended. It
             need not be small: over a stride of many steps the smallest deviation makes the wheel
             fall. Infinite once it exceeds `LOST`.
+        spans: simulations of which the stride is made; a span is a step, or a part of one in which
+            deviations grow too much. 0 of gaits saved by earlier versions: one for every step.
     """
 
     state_error: float
@@ -87,6 +93,7 @@ class Verification:
     repeat_error: float = math.nan
     repeat_residual: float = math.nan
     chain_error: float = math.nan
+    spans: int = 0
 
     @property
     def passed(self) -> bool:
@@ -104,13 +111,64 @@ class Verification:
         return cls(**known | {"failures": tuple(values["failures"])})
 
 
-def step_error(
+class Span(NamedTuple):
+    """A step, or a part of one in which deviations grow by no more than `MOST_GROWTH`.
+
+    Attributes:
+        step: index of the step.
+        element: index of the span's first element in the step.
+        phase: the motion.
+        after: state at which the next span begins, shape (4,).
+        following: the step that follows, if the span ends its step.
+    """
+
+    step: int
+    element: int
+    phase: PhaseTrajectory
+    after: Array
+    following: PhaseTrajectory | None
+
+
+def spans(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -> list[Span]:
+    """A stride in spans."""
+    found: list[Span] = []
+    for i, (phase, after) in enumerate(zip(phases, successors(phases, turns), strict=True)):
+        following, last = phases[(i + 1) % len(phases)], len(phase.edges) - 1
+        begins, growth = [0], np.eye(4)
+        for e, matrix in enumerate(transitions(params, phase)):
+            if not stands(phase) and np.linalg.norm(matrix @ growth, 2) > MOST_GROWTH and e > 0:
+                begins.append(e)
+                growth = np.eye(4)
+            growth = matrix @ growth
+        for begin, end in pairwise([*begins, last]):
+            ends = (after, following) if end == last else (phase.states[end, 0], None)
+            found.append(Span(i, begin, elements_between(phase, begin, end), *ends))
+    return found
+
+
+def elements_between(phase: PhaseTrajectory, begin: int, end: int) -> PhaseTrajectory:
+    """The phase's elements from one index up to another, which is left out."""
+    return dataclasses.replace(
+        phase,
+        edges=phase.edges[begin : end + 1] - phase.edges[begin],
+        states=phase.states[begin:end],
+        controls=phase.controls[begin:end],
+    )
+
+
+def simulated_span(params: WheelParams, span: Span, spare_times: Sequence[float]) -> Trajectory:
+    """Simulate a span from its own start; see `simulated_stride`."""
+    if span.following is None:
+        return simulated(params, [span.phase], span.phase.duration)
+    return simulated_stride(params, [span.phase], spare_times, span.following)
+
+
+def state_error(
     params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
-) -> tuple[float, list[Trajectory]]:
-    """Largest deviation of steps re-simulated from their own starts; the simulations."""
-    runs = simulated_steps(params, phases, SPARE_TIMES)
-    each = zip(runs, phases, successors(phases, turns), strict=True)
-    return max(deviation(run, phase, after) for run, phase, after in each), runs
+) -> tuple[float, list[tuple[Span, Trajectory]]]:
+    """See `Verification.state_error`; and the spans with their simulations."""
+    runs = [(s, simulated_span(params, s, SPARE_TIMES)) for s in spans(params, phases, turns)]
+    return max(deviation(run, span) for span, run in runs), runs
 
 
 def successors(phases: Sequence[PhaseTrajectory], turns: int) -> list[Array]:
@@ -125,38 +183,36 @@ def chain_error(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: i
     for i, after in enumerate(successors(phases, turns)):
         following = phases[(i + 1) % len(phases)]
         run = simulated_stride(params, [begun(phases[i], start)], SPARE_TIMES, following)
-        error = max(error, deviation(run, phases[i], after))
+        error = max(error, deviation(run, Span(i, 0, phases[i], after, following)))
         if error > LOST:
             return math.inf
         start = run.events[0].after
     return error
 
 
-def begun(phase: PhaseTrajectory, start: Array) -> PhaseTrajectory:
-    """A phase with another start, shape (4,)."""
+def begun(phase: PhaseTrajectory, start: Array, element: int = 0) -> PhaseTrajectory:
+    """A phase with another state, shape (4,), at the start of an element."""
     states = phase.states.copy()
-    states[0, 0] = start
+    states[element, 0] = start
     return dataclasses.replace(phase, states=states)
 
 
-def deviation(run: Trajectory, phase: PhaseTrajectory, after: Array) -> float:
-    """Largest deviation of a simulated step from its interpolated states.
+def deviation(run: Trajectory, span: Span) -> float:
+    """Largest deviation of a simulated span from its interpolated states and the next span's start.
 
-    Args:
-        run: the simulation.
-        phase: of the step; it ends with a touchdown, or in double stance with a lift-off.
-        after: state after this event, shape (4,).
-
-    Returns:
-        Infinite if the events do not match.
+    A step ends with a touchdown, or in double stance with a lift-off. If the events do not match,
+    the deviation is infinite.
     """
-    expected = [("lift_off" if stands(phase) else "touchdown", 1)]
+    phase, expected = span.phase, list[tuple[str, int]]()
+    if span.following is not None:
+        expected.append(("lift_off" if stands(phase) else "touchdown", 1))
     if [(event.kind, event.direction) for event in run.events] != expected:
         return math.inf
-    (event,) = run.events
     margin = min(1e-6, 1e-3 * phase.duration)
     t = np.linspace(margin, phase.duration - margin, 200)
-    gaps = (run.state(t) - phase.state(t), event.before - phase.end, event.after - after)
+    gaps = [run.state(t) - phase.state(t)]
+    ends = [(event.before, event.after) for event in run.events] or [(run.x[-1], run.x[-1])]
+    gaps += [gap for before, after in ends for gap in (before - phase.end, after - span.after)]
     return float(max(np.abs(gap).max() for gap in gaps))
 
 
@@ -172,13 +228,12 @@ def verify(
         phases: one per step.
         turns: whole turns that theta gains in a stride.
     """
-    error, runs = step_error(params, phases, turns)
-    surplus = sum(
-        _surplus(params, phase.duration, run) for phase, run in zip(phases, runs, strict=True)
-    )
+    error, simulations = state_error(params, phases, turns)
+    runs = [run for _, run in simulations]
+    surplus = sum(_surplus(params, span.phase.duration, run) for span, run in simulations)
     least_force = min(run.min_normal_force for run in runs)
-    ended = zip(phases, runs, strict=True)
-    impulses = [_impulse_demand(params, phase, run) for phase, run in ended]
+    ends = [(span.phase, run) for span, run in simulations if span.following is not None]
+    impulses = [_impulse_demand(params, phase, run) for phase, run in ends]
     figures: dict[str, Any] = {
         "state_error": error,
         "energy_audit": abs(surplus),
@@ -193,6 +248,7 @@ def verify(
         "peak_voltage": peak_voltage(phases),
         "clearance": min(run.clearance for run in runs),
         "chain_error": chain_error(params, phases, turns),
+        "spans": len(runs),
     }
     return Verification(**figures, failures=tuple(_failures(params, figures)))
 
@@ -328,14 +384,6 @@ def simulated(
     return simulate(params, phases[0].start, law, duration, breakpoints=breakpoints)
 
 
-def simulated_steps(
-    params: WheelParams, phases: Sequence[PhaseTrajectory], spare_times: Sequence[float]
-) -> list[Trajectory]:
-    """Simulate every step from its own start; see `simulated_stride`."""
-    pairs = zip(phases, [*phases[1:], phases[0]], strict=True)
-    return [simulated_stride(params, [phase], spare_times, after) for phase, after in pairs]
-
-
 def simulated_stride(
     params: WheelParams,
     phases: Sequence[PhaseTrajectory],
@@ -378,14 +426,18 @@ def jacobians(params: WheelParams, flow: str = "flow", reset: str = "touchdown")
     return ca.Function("jacobians", [x, u], outputs)
 
 
-def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> Array:
-    """d x(end) / d x(start) over one phase, with times and control fixed, shape (4, 4).
+def transition(params: WheelParams, phase: PhaseTrajectory) -> Array:
+    """d x(end) / d x(start) over one phase, with times and control fixed, shape (4, 4)."""
+    total = np.eye(4)
+    for matrix in transitions(params, phase):
+        total = matrix @ total
+    return total
 
-    The variational equation, collocated on the phase's own elements.
-    """
+
+def transitions(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> Iterator[Array]:
+    """`transition` over each element of a phase: the variational equation, collocated there."""
     derivatives, nodes = jacobians(params, _flow(phase)), radau_nodes(degree)
     D = differentiation_matrix(degree)
-    total = np.eye(4)
     for start, h in zip(phase.edges, phase.element_durations, strict=False):
         t = start + h * nodes[1:]  # at the last of them the control may jump
         points = zip(phase.state(t), phase.control(t, "left")[:, 0], strict=True)
@@ -393,9 +445,7 @@ def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> 
         for i, (x, u) in enumerate(points):
             block = slice(4 * i, 4 * i + 4)
             system[block, block] -= h * np.asarray(derivatives(x, u)[0])
-        inner = np.linalg.solve(system, -np.kron(D[:, :1], np.eye(4)))
-        total = inner[-4:] @ total
-    return np.asarray(total)
+        yield np.linalg.solve(system, -np.kron(D[:, :1], np.eye(4)))[-4:]
 
 
 def _flow(phase: PhaseTrajectory) -> str:
@@ -424,22 +474,24 @@ def saltation(params: WheelParams, phase: PhaseTrajectory, following: PhaseTraje
     )
 
 
-def step_maps(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> list[Array]:
-    """d x(end) / d x(start) of every step, shape (4, 4) each, with the end after the touchdown.
+def span_map(params: WheelParams, span: Span) -> Array:
+    """d x(end) / d x(start) of a span, shape (4, 4), with the end of a step after the touchdown.
 
     Within a step the gait's voltage is played back in time. The touchdown itself, early or late,
     switches to the voltage of the following step. (If the clock switched it, early and late
     touchdowns would have different matrices.)
     """
-    pairs = zip(phases, [*phases[1:], phases[0]], strict=True)
-    return [saltation(params, *pair) @ transition(params, pair[0]) for pair in pairs]
+    through = transition(params, span.phase)
+    if span.following is None:
+        return through
+    return np.asarray(saltation(params, span.phase, span.following) @ through)
 
 
 def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
-    """d x(T) / d x(0) over a stride, shape (4, 4): the product of `step_maps`."""
+    """d x(T) / d x(0) over a stride, shape (4, 4): the product of the `span_map` of every step."""
     total = np.eye(4)
-    for step in step_maps(params, phases):
-        total = step @ total
+    for phase, following in zip(phases, [*phases[1:], phases[0]], strict=True):
+        total = span_map(params, Span(0, 0, phase, following.start, following)) @ total
     return total
 
 

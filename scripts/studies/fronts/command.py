@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
@@ -30,7 +29,7 @@ from scripts.studies.fronts.search import SEEDS, FineMeshes, FrontSearch
 from scripts.studies.stages import stage
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront, shipped_front
-from trajopt.gaits.library import ARCHIVE, INDEX, index, shipped
+from trajopt.gaits.library import ARCHIVE, INDEX, index, shipped, shipped_gait
 from trajopt.gaits.periodic import NoGaitError
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
@@ -78,6 +77,7 @@ def front(
 def publish(preset: str) -> None:
     """Write the page's section and figure of a machine from its shipped gaits."""
     index.cache_clear()
+    shipped_gait.cache_clear()
     front = shipped_front(as_params(preset))
     print(f"{len(front.solutions)} gaits of {preset} are shipped")
     refresh(DOCS / "front.md", marks("front", (preset,)), {preset: section(preset, front)})
@@ -85,7 +85,10 @@ def publish(preset: str) -> None:
 
 
 def chosen(gaits: Iterable[Solution]) -> list[Solution]:
-    """The gaits to ship: of those that are new or shipped, the best of a speed, steps and turns."""
+    """The gaits to ship: of those that are new or shipped, the best of a speed, steps and turns.
+
+    Long strides only where none of as many steps or fewer costs less.
+    """
     best: dict[tuple[float, int, int, bool], Solution] = {}
     for gait in gaits:
         place = round(gait.speed, 4), gait.steps, gait.theta_turns, gait.double_stance
@@ -93,7 +96,18 @@ def chosen(gaits: Iterable[Solution]) -> list[Solution]:
             best[place] = gait
     if not best:
         raise NoGaitError("no gait passed its verification")
-    return [best[place] for place in sorted(best)]
+    return [best[place] for place in sorted(best) if not _dominated(best[place], best.values())]
+
+
+def _dominated(gait: Solution, gaits: Iterable[Solution]) -> bool:
+    """Whether a long stride costs more than another of its speed with as many steps or fewer."""
+    rivals = [
+        other
+        for other in gaits
+        if other.steps <= gait.steps and round(other.speed, 4) == round(gait.speed, 4)
+    ]
+    long = gait.steps >= LONG and not gait.double_stance
+    return long and any(other.cot < gait.cot for other in rivals)
 
 
 def ship(archive: Path, name: str, gaits: Sequence[Solution]) -> None:
@@ -152,13 +166,16 @@ def summary(name: str, results: SearchResults, gain: float) -> str:
     apart = [f"{speed:g}" for speed, gap in gaps.items() if gap > AGREEMENT]
     agree = "agree everywhere" if not apart else f"differ by more at {', '.join(apart)} m/s"
     return (
-        f"{name}: {len(gaps)} speeds. To {AGREEMENT:.1%} the two seeds {agree}; "
-        f"the last sweep gained {gain:.2%}.\n"
+        f"{name}: {len(gaps)} speeds, up to {STEPS[-1]} steps. "
+        f"To {AGREEMENT:.1%} the two seeds {agree}; the last sweep gained {gain:.2%}.\n"
     )
 
 
 def section(name: str, front: CotFront) -> str:
-    """The section: the figure, the table without empty columns, and what windows can repeat."""
+    """The section: the figure, the table without empty columns, and what windows can repeat.
+
+    Windows are compared at the speeds at which the shortest ones have a gait.
+    """
     infimum, gaits = hull(front), front.envelope
     columns = {
         "speed (m/s)": [f"{round(g.speed, 4):g}" for g in gaits],
@@ -183,11 +200,11 @@ def section(name: str, front: CotFront) -> str:
     windows = [
         [
             f"{speed:g}",
-            *(f"{of[speed]:.5f}" if speed in of else "" for of in costs),
+            *(f"{of[speed]:.5f}" for of in costs),
             f"{least:.5f}",
         ]
         for (speed, cot), least in zip(_costs(front, max(WINDOWS)).items(), infimum, strict=True)
-        if clearly_less(cot, costs[0].get(speed, math.inf))
+        if speed in costs[0] and clearly_less(cot, costs[0][speed])
     ]
     if windows:
         head = ["speed (m/s)", *(f"up to {most} steps" for most in WINDOWS), "hull"]

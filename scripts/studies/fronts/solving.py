@@ -31,8 +31,8 @@ from trajopt.ocp.transcription import Result, Transcription, interruptible
 #: Longer elements step over the kinks of dry friction and make the cost of slow walks look too low.
 ELEMENT_TIME, MESHES = 0.05, (SEARCH_ELEMENTS, 20, 30, 40, 55, 75, 100)
 
-#: A gait whose deviations grow by more per step does not count: rounding alone would make its
-#: simulation miss the tolerance of its verification. Such gaits stand on one leg for seconds.
+#: A gait whose deviations grow by more per step does not count: it stands on one leg for seconds,
+#: which `rests` does better.
 MOST_GROWTH = 1e7
 
 #: Times that a gait is solved again on a finer mesh, because a step became longer.

@@ -56,6 +56,12 @@ ROWS = (
         LEARNED,
         Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(IMITATED, CLONE)),
     ),
+    StudyRow(
+        "gradients",
+        "imitation, fine-tuned by gradients",
+        LEARNED,
+        Trained("gradients", IMITATION, None, {"": LAST}, start=Other(IMITATED, CLONE)),
+    ),
     StudyRow("ppo", "PPO from scratch", LEARNED, Trained("ppo", files=KEPT)),
     FIRST,
     StudyRow(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from scripts.studies.fronts import command, solving, strides
+from scripts.studies.fronts import command, rests, solving, strides
 from scripts.studies.fronts.results import (
     PlaceResults,
     SearchResults,
@@ -35,7 +35,7 @@ from scripts.studies.fronts.solving import (
     attempts,
 )
 from trajopt.gaits.fronts import CotFront, shipped_front
-from trajopt.gaits.library import ARCHIVE, index, shipped
+from trajopt.gaits.library import ARCHIVE, index, repeated, shipped
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.store import Store
@@ -320,6 +320,23 @@ def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
     assert command.chosen([costlier]) == [costlier]
     with pytest.raises(NoGaitError, match="verification"):
         command.chosen([])
+
+
+def test_long_strides_are_shipped_only_where_no_shorter_one_costs_less() -> None:
+    old, costlier = known(0.5), costing(2 * known(0.5).cot)
+    assert command.chosen([repeated(costlier, 4), old]) == [old]
+    assert [gait.steps for gait in command.chosen([repeated(old, 4), costlier])] == [1, 4]
+
+
+def test_a_stride_that_rests_longer_costs_the_idle_power_of_the_rest() -> None:
+    slow = next(e for e in index() if (e.params, e.steps, e.speed) == (BUILDABLE, 3, 0.1)).load()
+    slower = rests.rested(slow, 0.09)
+    assert isinstance(slower, Solution)
+    assert slower.verification.passed
+    assert slower.verification.spans > slower.steps
+    assert slower.speed == pytest.approx(0.09)
+    longer = slower.duration - slow.duration
+    assert slower.cost - slow.cost == pytest.approx(BUILDABLE.idle_power * longer, rel=1e-6)
 
 
 def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
