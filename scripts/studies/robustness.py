@@ -56,7 +56,7 @@ DISTURBANCES: dict[str, Mapping[str, Any]] = {
 }
 
 
-class Case(NamedTuple):
+class Variation(NamedTuple):
     """Machines that differ in one way, and what disturbs them."""
 
     machines: tuple[WheelParams, ...]
@@ -134,11 +134,11 @@ def robustness(
     return 0
 
 
-def cases(count: int) -> dict[str, dict[str, Case]]:
+def cases(count: int) -> dict[str, dict[str, Variation]]:
     """All cases by group and title."""
     drawn = np.random.default_rng(SEED).uniform(-1.0, 1.0, (count, len(PHYSICAL)))
     several = {
-        f"all within {100 * level:g} %": Case(
+        f"all within {100 * level:g} %": Variation(
             tuple(_scaled(dict(zip(PHYSICAL, 1 + level * each, strict=True))) for each in drawn)
             if level
             else (BUILDABLE,)
@@ -146,20 +146,20 @@ def cases(count: int) -> dict[str, dict[str, Case]]:
         for level in LEVELS
     }
     single = {
-        f"{name.replace('_', ' ')} ± 2 %": Case(
+        f"{name.replace('_', ' ')} ± 2 %": Variation(
             tuple(_scaled({name: factor}) for factor in (0.98, 1.02))
         )
         for name in ("pendulum_length", "pendulum_mass", "leg_length")
     }
     slopes = {
-        f"slope of {degrees:+g}°": Case((BUILDABLE.replace(slope=math.radians(degrees)),))
+        f"slope of {degrees:+g}°": Variation((BUILDABLE.replace(slope=math.radians(degrees)),))
         for degrees in (-2, -1, -0.5, 0.5, 1, 2)
     }
     heavier = BUILDABLE.wheel_mass + 0.05 * BUILDABLE.total_mass
     others = {
-        "5 % payload at the hub": Case((BUILDABLE.replace(wheel_mass=heavier),)),
-        "battery at 80 %": Case((_scaled({"voltage_limit": 0.8}),)),
-        **{title: Case((BUILDABLE,), title) for title in DISTURBANCES},
+        "5 % payload at the hub": Variation((BUILDABLE.replace(wheel_mass=heavier),)),
+        "battery at 80 %": Variation((_scaled({"voltage_limit": 0.8}),)),
+        **{title: Variation((BUILDABLE,), title) for title in DISTURBANCES},
     }
     return {"drawn": several, "single": single, "slopes": slopes, "others": others}
 
@@ -243,7 +243,7 @@ def _speed(machine: WheelParams, ticks: int) -> float:
 
 
 def table(
-    every: Mapping[str, Case],
+    every: Mapping[str, Variation],
     candidates: Sequence[str],
     walks: Mapping[Walk, Any],
     costs: Mapping[Any, Any],
