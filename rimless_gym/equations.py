@@ -437,6 +437,13 @@ def equations(
         pendulum = 2 * p.Cp * (abs(dtheta) + p.w)
         return wheel + pendulum / (p.Je2 + p.Jr - m12 * m12 / (p.Je1 + p.Jr * p.d1))
 
+    @compiled
+    def swing_frequency(p):
+        """Fastest that gravity swings the pendulum (rad/s), over all poses."""
+        m12 = p.Je3 + p.Jr * p.d1
+        inertia = p.Je2 + p.Jr - m12 * m12 / (p.Je1 + p.Jr * p.d1)
+        return sqrt(p.S2 * (abs(p.gx) + p.gy) / inertia)
+
     # -- ground ---------------------------------------------------------------------------------
 
     @compiled

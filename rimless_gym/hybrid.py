@@ -106,6 +106,7 @@ hub_pole = eq.hub_pole
 gear_torque = eq.gear_torque
 friction_pole = eq.friction_pole
 drag_pole = eq.drag_pole
+swing_frequency = eq.swing_frequency
 
 
 def _in_either_mode(eq: SimpleNamespace) -> Callable[..., Any]:

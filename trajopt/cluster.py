@@ -374,7 +374,7 @@ class _Ray:
         )
         self._ray = ray
         try:
-            ray.init(address, log_to_driver=False, logging_level="ERROR")
+            ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
         except Exception as error:  # of many kinds
             raise ConnectionError(
                 f"{address}: no Ray client server of the same version answers ({error}): start one "

@@ -31,6 +31,7 @@ from rimless_gym.hybrid import (
     psi_mobility,
     regularity,
     relative_rate,
+    swing_frequency,
     touchdown_guard,
 )
 from rimless_gym.jit import inlined, inner, vectorised
@@ -128,9 +129,10 @@ def plan(tile):
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
     drag, for where these bend, and for the fastest rate in the equations. That is the rate of
     phi + theta, with what half of the time left adds to it; it counts for more where the
-    accelerations' peak is narrower than 1 rad. No step is longer than 10 ms: psi' may come to a
-    stop by dry friction while psi'' was small where the step began. Lanes that are done get a
-    length of 0. Returns how many lanes stand on two feet, and how many move too fast.
+    accelerations' peak is narrower than 1 rad, and for no less than the frequency at which gravity
+    swings the pendulum. No step is longer than 10 ms: psi' may come to a stop by dry friction while
+    psi'' was small where the step began. Lanes that are done get a length of 0. Returns how many
+    lanes stand on two feet, and how many move too fast.
     """
     standing = fast = 0
     for lane in range(LANES):
@@ -140,7 +142,7 @@ def plan(tile):
         rolling = abs(y.dphi) + 0.5 * left * abs(acc.ddphi)
         swinging = abs(y.dtheta) + 0.5 * left * abs(acc.ddtheta)
         rate = rolling + swinging
-        turning = rate / min(max(peak(p), LEAST_PEAK), 1.0)
+        turning = max(rate / min(max(peak(p), LEAST_PEAK), 1.0), swing_frequency(p))
         braking = drag_pole(rolling, swinging, p)
         damping = (tile[slot.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[slot.VOLTAGE + lane], p)

@@ -142,7 +142,7 @@ def test_an_untrained_policy_lets_the_pendulum_swing_freely():
     learner.close()
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_killed_a_training_with_a_prior_ends_with_the_same_policies(tmp_path, monkeypatch, algo):
     whole = run(tmp_path / "whole", algo, prior=PRIOR)
     killed_after(70, monkeypatch, lambda: run(tmp_path / "killed", algo, prior=PRIOR))

@@ -47,6 +47,7 @@ REINTEGRATED = range(7, LENGTH, 13)
 RESIDUAL = 1e-7  # of a ledger, relative to the energies in it, on the most violent machines
 DIFFERENCE = 1e-8  # from the reference: of angles (rad), of rates relative to size
 DIVIDED = 1e-6  # the same, of a long interval from its 10 ms
+MOST_TOUCHDOWNS = 10  # in such an interval
 
 #: Ranges, drawn evenly in the logarithm; all but `NEVER_ZERO` are sometimes 0 instead.
 WIDE = {
@@ -147,6 +148,10 @@ def batches(draw: st.DrawFn) -> Batch:
     if one and draw(st.booleans()):
         near = {name: getattr(each[0], name) for name in ("wheel_mass", "gravity", "friction")}
         varied["ranges"] = {name: (0.97 * x, 1.03 * x) for name, x in near.items() if x > 0}
+        try:
+            require_steppable(each[0].replace(wheel_mass=0.97 * each[0].wheel_mass))
+        except ValueError:  # ranges of such machines are refused
+            assume(False)
     if draw(st.booleans()):
         varied["starts"] = draw(
             st.sampled_from([Starts(1, 0, 0), Starts(0, 1, 0), Starts(1, 1, 1)])
@@ -362,7 +367,10 @@ def compare(mode: AutoresetMode, single: Any, action: Any, seen: Any, had_ended:
 
 
 def divide(envs, machines, before, actions, running, seen) -> None:
-    """A row moves in intervals of 10 ms as in one long interval, unless rounding decides events."""
+    """A row moves in intervals of 10 ms as in one long interval, unless rounding decides events.
+
+    A wheel that rocks from foot to foot multiplies errors of rounding at every touchdown.
+    """
     rows = running & [followed(machine) for machine in machines]
     for i in np.flatnonzero(rows)[:1]:
         state, touchdowns = before[i : i + 1].copy(), 0.0
@@ -372,7 +380,8 @@ def divide(envs, machines, before, actions, running, seen) -> None:
             if out[ROW.failure]:
                 return
         after = envs.states[i]
-        if touchdowns == seen[4]["touchdowns"][i] and state[0, MODE] == after[MODE]:
+        alike = touchdowns == seen[4]["touchdowns"][i] and state[0, MODE] == after[MODE]
+        if alike and touchdowns <= MOST_TOUCHDOWNS:
             apart = difference(state[0], before[i], after)
             message = f"{apart} in intervals of 10 ms: {machines[i]}, {before[i]}, {actions[i]}"
             assert apart.max() <= DIVIDED, message

@@ -166,7 +166,7 @@ def multipliers(law: Law, solution: Solution) -> Floats:
     these states to the next (`transverse_dynamics`). The wheel is taken to be in step with
     the gait at every decision: a deviation makes it early or late, which under a hold comes back as
     a small deviation, and that is left out. Which sign it has depends on where the touchdown falls
-    between two decisions.
+    between two decisions. They are infinite where they exceed all numbers.
     """
     grid = Grid.of(solution)
     require_machine("law", law, solution.params)
@@ -177,5 +177,8 @@ def multipliers(law: Law, solution: Solution) -> Floats:
         nudges = DIFFERENCE * out[j].T[:3]
         volts = law(np.concatenate([grid.states[j] + nudges, grid.states[j] - nudges]))
         slopes = (volts[:3] - volts[3:]) / (2 * DIFFERENCE)
-        product = (A[j, :3, :3] + B[j, :3] * slopes) @ product
+        with np.errstate(over="ignore", invalid="ignore"):  # in a rest on one leg, in open loop
+            product = (A[j, :3, :3] + B[j, :3] * slopes) @ product
+    if not np.isfinite(product).all():
+        return np.full(3, np.inf)
     return np.asarray(np.sort(np.abs(np.linalg.eigvals(product)))[::-1])

@@ -95,7 +95,7 @@ def scales_of(
     problem: Problem, trajectory: Sequence[PhaseTrajectory], parameters: Array | None = None
 ) -> Scales:
     """The scales along a trajectory."""
-    p = middle(problem) if parameters is None else parameters
+    p = middle(problem) if parameters is None else np.asarray(parameters, dtype=float)
     balance = _Balance(problem, trajectory, p)
     units = balance.floored(balance.implied(balance.known)[0])
     *each, of_parameters = balance.split(units)

@@ -150,7 +150,8 @@ def learned(seconds: float, folder: str, n: int) -> dict[str, Any]:
     from agents import Sb3VecEnv
 
     torch.set_num_threads(1)
-    envs = make_vec_env("RimlessWheel-v0", n_envs=n, vec_env_cls=Sb3VecEnv)
+    kind: Any = Sb3VecEnv
+    envs = make_vec_env("RimlessWheel-v0", n_envs=n, vec_env_cls=kind)
     model = PPO("MlpPolicy", envs, n_steps=64, batch_size=4096, n_epochs=3, device="cpu")
 
     def replay() -> tuple[int, float, float]:

@@ -36,7 +36,7 @@ from trajopt.feedback.transverse import multipliers as multipliers_of
 #: The gaits of the study: preset and speed (m/s). Their voltage is held for a control period.
 GAITS = {
     f"{name} at {speed:g} m/s": (name, speed)
-    for name, speed in (("BUILDABLE", 0.56), ("BUILDABLE", 0.605), ("THESIS_PHYSICAL", 0.57))
+    for name, speed in (("BUILDABLE", 0.56), ("BUILDABLE", 0.62), ("THESIS_PHYSICAL", 0.57))
 }
 
 #: A law whose decision takes longer than this per wheel, in a batch, is measured from fewer starts.

@@ -11,6 +11,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def rested(gait: Solution, speed: float) -> Solution | str:
     settings = {"speed": speed, "found_by": f"{gait.speed:.4f} m/s, rested longer"}
     checked = verify(params, phases, turns)
     if checked.passed:
-        made = {"verification": checked, "provenance": provenance(**settings)}
+        made: dict[str, Any] = {"verification": checked, "provenance": provenance(**settings)}
         return dataclasses.replace(gait, phases=phases, **made)
     return solved(params, phases, turns, speed, settings)
 

@@ -63,6 +63,7 @@ def test_an_arm_that_would_touch_the_floor_is_refused() -> None:
         BUILD.machine(1.0, BUILD.longest_arm + 0.001)
 
 
+@pytest.mark.slow
 def test_the_presets_gaits_stay_within_what_motor_and_gearhead_endure() -> None:
     whirling = [g for g in shipped(BUILDABLE)[::3] if g.theta_turns == -g.steps]
     assert len(whirling) > 3

@@ -27,7 +27,7 @@ from scripts.studies.feedback_laws.measures import (
 from trajopt.feedback import startup
 
 DOCS = Path(__file__).parents[3] / "docs"
-GAIT = "BUILDABLE at 0.605 m/s"
+GAIT = "BUILDABLE at 0.62 m/s"
 
 
 @pytest.fixture(scope="module")

@@ -328,6 +328,7 @@ def test_long_strides_are_shipped_only_where_no_shorter_one_costs_less() -> None
     assert [gait.steps for gait in command.chosen([repeated(old, 4), costlier])] == [1, 4]
 
 
+@pytest.mark.slow
 def test_a_stride_that_rests_longer_costs_the_idle_power_of_the_rest() -> None:
     slow = next(e for e in index() if (e.params, e.steps, e.speed) == (BUILDABLE, 3, 0.1)).load()
     slower = rests.rested(slow, 0.09)

@@ -83,6 +83,7 @@ def test_the_return_of_a_gait_is_its_speed_times_the_weight_less_its_cost() -> N
     assert returns.front_return(0.5) == pytest.approx(20 * 0.5 * (5 - 0.06), rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_study_that_was_interrupted_continues(tmp_path: Path) -> None:
     first = returns.all_returns(tmp_path, 2, ["idle"])
     rest = returns.all_returns(tmp_path, 2, ["idle", "random"])
