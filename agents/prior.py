@@ -144,6 +144,19 @@ class Prior:
         return values
 
 
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """A potential that is a network, (N, 6) -> (N, 1), clipped to `LOWEST` and `LEVEL`."""
+
+    network: nn.Module
+
+    def __call__(self, observations: NDArray[np.float32]) -> Floats:
+        """The potential of observations (N, 6), (N,) in m."""
+        with torch.no_grad():
+            fitted = self.network(torch.from_numpy(observations))[:, 0].numpy()
+        return np.clip(fitted.astype(np.float64), LOWEST, LEVEL)
+
+
 def law_prior(
     conditions: Conditions, task: Task, cache: Path | None = None, progress: bool = True
 ) -> Prior:
@@ -168,13 +181,7 @@ def law_prior(
     starts = draw_starts(nominal.params, WALKS, SEED), clumsy_states(nominal, WALKS)
     walks = [differential_values(nominal, task, law, each) for each in starts]
     _, observations, values = (np.concatenate(each) for each in zip(*walks, strict=True))
-    network = _fitted(observations, np.clip(values, LOWEST, LEVEL))
-
-    def potential(seen: NDArray[np.float32]) -> Floats:
-        with torch.no_grad():
-            fitted = network(torch.from_numpy(seen))[:, 0].numpy().astype(np.float64)
-        return np.clip(fitted, LOWEST, LEVEL)
-
+    potential = Fitted(_fitted(observations, np.clip(values, LOWEST, LEVEL)))
     return Prior(
         f"{EXPERT} at {SPEED:g} m/s",
         nominal.params,

@@ -47,7 +47,7 @@ from rimless_gym.envs.starts import (
     start_rows,
 )
 from rimless_gym.envs.task import Task
-from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
+from rimless_gym.kernel.stepping import STATE_SIZE, kernel_address, machine_arrays, scratch
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
 if TYPE_CHECKING:
@@ -272,8 +272,11 @@ class Batch:
         arrays = [array.ctypes.data for array in (self.memory, self.constants, self.poles)]
         sizes = self.memory.shape[1], self.constants.shape[1]
         common = *sizes, self.limit, control.ticks, control.by_current, control.width
+        kernel = kernel_address()
         return [
-            np.array(Arguments(0, 0, *arrays, work.ctypes.data, *common, *rows), dtype=np.int64)
+            np.array(
+                Arguments(0, 0, *arrays, work.ctypes.data, kernel, *common, *rows), dtype=np.int64
+            )
             for work, rows in zip(self._works, itertools.pairwise(cuts), strict=False)
         ]
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numba import carray, types
@@ -18,10 +17,10 @@ from numba.extending import intrinsic
 
 from rimless_gym.envs.layout import (
     FLAG,
+    FLAGS_SIZE,
     MEMORY,
     NO_ERRORS,
     RESULT,
-    flags_of,
     interval_of,
     observe_row,
     params_at,
@@ -31,19 +30,19 @@ from rimless_gym.envs.layout import (
 from rimless_gym.envs.task import TERM_NAMES, TERMS, rewarded
 from rimless_gym.equations import places, record
 from rimless_gym.hybrid import CONTROL_PERIOD, OK, motor_current, motor_voltage, relative_rate
-from rimless_gym.jit import ENVIRONMENT, cached, inner
-from rimless_gym.kernel.stepping import SCRATCH_SIZE, advance_batch
+from rimless_gym.jit import ENVIRONMENT, cached, inner, written
+from rimless_gym.kernel.stepping import SCRATCH_SIZE
 from rimless_gym.params import N_CONSTANTS
 from rimless_gym.rules import exceeds
 
-#: Addresses of arrays; number of columns of memory and results; number of machines, 1 or one per
-#: row; greatest number of intervals; length of an interval in units of 10 ms, whether an action is
-#: a current, and the width of an observation; and the rows to step, the first and one after the
-#: last. They are valid as long as the arrays live.
+#: Addresses of arrays, and of the kernel; number of columns of memory and results; number of
+#: machines, 1 or one per row; greatest number of intervals; length of an interval in units of
+#: 10 ms, whether an action is a current, and the width of an observation; and the rows to step, the
+#: first and one after the last. They are valid as long as the arrays live.
 Arguments = record(
     "Arguments",
     [
-        *("results", "observations", "memory", "constants", "poles", "work"),
+        *("results", "observations", "memory", "constants", "poles", "work", "kernel"),
         *("columns", "machines", "limit", "ticks", "by_current", "width", "begin", "end"),
     ],
     __name__,
@@ -64,6 +63,23 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
+@intrinsic
+def _advance_batch(typing_context, address, arguments):
+    """Call `advance_batch` at an address. Where it is called by name, it is compiled in again."""
+
+    def codegen(context, builder, signature, given):
+        kinds, convention = tuple(signature.args[1]), context.call_conv
+        function = convention.get_function_type(types.none, kinds).as_pointer()
+        address, values = (
+            builder.inttoptr(given[0], function),
+            cgutils.unpack_tuple(builder, given[1]),
+        )
+        convention.call_function(builder, address, types.none, kinds, values)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, arguments), codegen
+
+
 @cached(ENVIRONMENT, nogil=True)
 def step_rows(address):
     """Hold the actions in a memory for one interval, with the `Arguments` at that address.
@@ -76,6 +92,8 @@ def step_rows(address):
     begin, end, width = a[ARGUMENT.begin], a[ARGUMENT.end], a[ARGUMENT.width]
     wide, machines = a[ARGUMENT.columns], a[ARGUMENT.machines]
     results = carray(_pointer(a[ARGUMENT.results]), (len(RESULT), wide), np.float64)
+    flags = a[ARGUMENT.results] + RESULT.flags * wide * FLAGS_SIZE
+    bits = carray(_pointer(flags), (FLAGS_SIZE, wide), np.int8)
     memory = carray(_pointer(a[ARGUMENT.memory]), (len(MEMORY), wide), np.float64)
     constants = carray(_pointer(a[ARGUMENT.constants]), (N_CONSTANTS, machines), np.float64)
     poles = carray(_pointer(a[ARGUMENT.poles]), machines, np.float64)
@@ -86,14 +104,18 @@ def step_rows(address):
         _drive(memory, constants, first, last)
     else:
         _hold(memory, first, last)
-    advance_batch(
-        *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
-        *(a[ARGUMENT.ticks] * CONTROL_PERIOD, 0.0, results, work),
+    duration = a[ARGUMENT.ticks] * CONTROL_PERIOD
+    _advance_batch(
+        a[ARGUMENT.kernel],
+        (
+            *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
+            *(duration, 0.0, results, work),
+        ),
     )
     _accumulate(results, memory, first, last)
     _use_allowance(results, memory, first, last)
     _reward(results, memory, first, last)
-    unusual = _set_flags(results, memory, float(a[ARGUMENT.limit]), first, last)
+    unusual = _set_flags(results, bits, memory, float(a[ARGUMENT.limit]), first, last)
     for i in range(first, last):
         observe_row(memory, NO_ERRORS, observations, np.uint64(width), i)
     return unusual
@@ -136,7 +158,6 @@ def _accumulate(results, memory, first, last):
         results[RESULT.push, i] = memory[MEMORY.push_work, i]
         results[RESULT.mechanical_change, i] += memory[MEMORY.push_work, i]
         results[RESULT.steps, i] += memory[MEMORY.push_shift, i]
-        results[RESULT.reward, i] = 0.0
 
 
 _rewarded = inner(rewarded)
@@ -153,40 +174,31 @@ def _use_allowance(results, memory, first, last):
         )
 
 
-def _adding(name: str, term: Callable[..., Any]) -> Callable[..., None]:
-    """Compiled: add a term to the reward in all rows."""
-    place, term = getattr(RESULT, name), inner(term)
-
-    def add(results, memory, first, last):
-        for i in range(first, last):
-            params, weights = task_params_of(memory, i), weights_of(memory, i)
-            results[place, i] = term(interval_of(results, i), params, weights)
-            results[RESULT.reward, i] += results[place, i]
-
-    add.__qualname__ = f"add_{name}"  # machine code finds functions by name
-    return inner(add)
-
-
-def _in_turn(first_part: Callable[..., None], second_part: Callable[..., None]) -> Any:
-    """Compiled: add the first part, then the second."""
-
-    def add(results, memory, first, last):
-        first_part(results, memory, first, last)
-        second_part(results, memory, first, last)
-
-    add.__qualname__ = f"add_{first_part.__qualname__}_{second_part.__qualname__}"
-    return inner(add)
-
-
-_reward = functools.reduce(_in_turn, [_adding(*one) for one in zip(TERM_NAMES, TERMS, strict=True)])
-
-_flags_of = inner(flags_of)
+_reward = inner(
+    written(
+        "def add_rewards(results, memory, first, last):\n"
+        "    for i in range(first, last):\n"
+        "        row, total = interval_of(results, i), 0.0\n"
+        "        params, weights = task_params_of(memory, i), weights_of(memory, i)\n"
+        + "".join(
+            f"        term = {term.__name__}(row, params, weights)\n"
+            f"        results[{getattr(RESULT, name)}, i] = term\n"
+            "        total += term\n"
+            for name, term in zip(TERM_NAMES, TERMS, strict=True)
+        )
+        + f"        results[{RESULT.reward}, i] = total",
+        **{term.__name__: inner(term) for term in TERMS},
+        interval_of=interval_of,
+        task_params_of=task_params_of,
+        weights_of=weights_of,
+    )
+)
 
 
 @inner
-def _set_flags(results, memory, limit, first, last):
+def _set_flags(results, bits, memory, limit, first, last):
     """Write the flags; returns how many rows failed in any way or reached the limit."""
-    bits, unusual = _flags_of(results), 0
+    unusual = 0
     for i in range(first, last):
         memory[MEMORY.time, i] += results[RESULT.elapsed, i]
     for i in range(first, last):

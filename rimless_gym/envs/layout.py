@@ -92,6 +92,7 @@ class Flags(NamedTuple):
 
 
 FLAG = Flags(*range(len(Flags._fields)))
+FLAGS_SIZE = 8  # bytes
 
 #: An interval as the terms of the reward see it: `failed` is 1 where the episode ended early.
 Interval = record("Interval", [*Row._fields, "idle", "push", "rewarded_travel", "failed"], __name__)
@@ -107,8 +108,8 @@ def columns(n: int) -> int:
 
 
 def flags_of(results: NDArray[np.float64]) -> NDArray[np.int8]:
-    """The flags in results, (8, N); a view."""
-    return results[RESULT.flags].view(np.int8).reshape(8, -1)
+    """The flags in results, (FLAGS_SIZE, N); a view."""
+    return results[RESULT.flags].view(np.int8).reshape(FLAGS_SIZE, -1)
 
 
 def reader(kind: type[Any], first: int) -> Any:

@@ -222,7 +222,9 @@ def start_rows(
         memory[MEMORY.allowance, i] = memory[MEMORY.allowance_limit, i]
         memory[MEMORY.time, i] = memory[MEMORY.count, i] = 0.0
         memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
-        memory[MEMORY.delay, i], held[:, i] = settings.least_delay, 0.0
+        for delay in range(len(held)):
+            held[delay, i] = 0.0
+        memory[MEMORY.delay, i] = settings.least_delay
         choices = settings.greatest_delay - settings.least_delay + 1.0
         if choices > 1.0:
             memory[MEMORY.delay, i] += math.floor(choices * next_uniform(streams, i))

@@ -261,3 +261,40 @@ class WheelEnv:
             allowance_limit=_task.step_length_of(fields),
         )
         return machine, known
+
+
+class RejaxEnv(WheelEnv):
+    """The environment as rejax 0.1 takes it: a step has five results, among them one end.
+
+    rejax takes an end by time for a fall, so let episodes be long: `params.max_steps_in_episode`.
+    """
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def step(  # type: ignore[override]
+        self, key: Any, state: EnvState, action: Any, params: EnvParams | None = None
+    ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
+        """(observation, state, reward, done, info); begins the next episode."""
+        *after, terminated, truncated, info = super().step(key, state, action, params)
+        observation, state, reward = after
+        return observation, state, reward, terminated | truncated, info
+
+
+def brax_env(env: WheelEnv) -> Any:
+    """The environment as Brax's learners take it; they end its episodes by time themselves."""
+    from brax.envs import Env, State  # only for those who have it
+
+    class BraxEnv(Env):  # type: ignore[misc]
+        observation_size, action_size = len(env.observation_space().low), 1
+        backend = "rimless_gym"
+
+        def reset(self, rng: Any) -> Any:
+            seen, state = env.reset(rng)
+            return State(state, seen, jnp.zeros(()), jnp.zeros(()))
+
+        def step(self, state: Any, action: Any) -> Any:
+            given = None, state.pipeline_state, action, env.default_params
+            seen, after, reward, failed, _ = env.step_env(*given)
+            numbers = {"reward": jnp.float32(reward), "done": jnp.float32(failed)}
+            return state.replace(pipeline_state=after, obs=seen, **numbers)
+
+    return BraxEnv()

@@ -37,7 +37,7 @@ from rimless_gym.kernel import tile as slot
 from rimless_gym.kernel.integration import derivative, quintic, slope, value
 from rimless_gym.kernel.tile import (
     LANES,
-    adder,
+    add_losses,
     constants,
     get_acc,
     get_losses,
@@ -89,7 +89,6 @@ def accumulate(tile, row, lane, amount):
 
 
 _LOSS_TOTALS = slot.TOTALS + getattr(ROW, next(iter(LOSSES))) * LANES  # they are side by side
-_add_losses = adder(len(LOSSES))
 _no_losses = (0.0,) * len(LOSSES)
 
 
@@ -234,7 +233,7 @@ def accept(tile, duration):
             set_total(tile, ROW.clearance, lane, lowest)
             accumulate(tile, ROW.electrical, lane, tile[slot.WORK_ELECTRICAL + lane])
             accumulate(tile, ROW.electrical_positive, lane, tile[slot.WORK_POSITIVE + lane])
-            _add_losses(tile, _LOSS_TOTALS, lane, 1.0, get_losses(tile, slot.LOST, lane))
+            add_losses(tile, _LOSS_TOTALS, lane, 1.0, get_losses(tile, slot.LOST, lane))
             accumulate(tile, ROW.shaft, lane, tile[slot.WORK_SHAFT + lane])
             tile[slot.EVENT + lane] = tile[slot.GOAL + lane]
             clear_attempt(tile, lane)

@@ -48,7 +48,6 @@ from rimless_gym.kernel.accounting import (
 )
 from rimless_gym.kernel.integration import (
     derivative,
-    find_sines,
     negative,
     quintic,
     rk8,
@@ -251,7 +250,10 @@ def runs(tile, lane):
 
 @inner
 def attempt_step(tile, count, duration, pull):
-    """One attempt at a step in the first `count` lanes; returns how many of them need another."""
+    """One attempt at a step in the first `count` lanes; returns how many of them need another.
+
+    SINES are those of STATE.
+    """
     one_copy()
     for lane in range(count, LANES):
         tile[slot.LEFT + lane] = 0.0
@@ -285,14 +287,6 @@ def attempt_step(tile, count, duration, pull):
             close(tile, lane, duration)
         unfinished += 1 if runs(tile, lane) else 0
     return unfinished
-
-
-@inner
-def attempt_again(tile, count, duration, pull):
-    """`attempt_step` for lanes that have moved since their interval was opened."""
-    one_copy()
-    find_sines(tile)
-    return attempt_step(tile, count, duration, pull)
 
 
 # -- Location of events within a step --------------------------------------------------------------

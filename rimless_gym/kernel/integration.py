@@ -23,10 +23,11 @@ from rimless_gym.kernel.tile import (
     LANES,
     STAGES,
     TILE_SIZE,
-    adder,
+    add_losses,
     constants,
     get_acc,
     get_state,
+    one_copy,
     put_acc,
     put_losses,
     put_sines,
@@ -44,10 +45,9 @@ def _lose(tile, lane, time, dphi, dtheta, acc):
     p = constants(tile, lane)
     dpsi, ddpsi = relative_rate(dphi, dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
     powers = losses(dphi, dpsi, ddpsi, tile[slot.VOLTAGE + lane], p)
-    _add_losses(tile, slot.LOST, lane, time, powers)
+    add_losses(tile, slot.LOST, lane, time, powers)
 
 
-_add_losses = adder(len(LOSSES))
 _no_losses = (0.0,) * len(LOSSES)
 
 
@@ -124,6 +124,7 @@ _s1, _s2, _s3, _s4, _s5, _s6, _s7, _s8, _s9, _s10, _s11, _end = (
 @vectorised
 def find_sines(tile):
     """The sines and cosines of all lanes' angles."""
+    one_copy()
     for lane in range(LANES):
         put_sines(tile, lane)
 

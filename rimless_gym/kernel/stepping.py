@@ -9,6 +9,7 @@ last bit whatever moves beside it.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -18,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole, friction_pole, motor_torque
-from rimless_gym.jit import ROLLOUTS, cached, inner
+from rimless_gym.jit import SIMULATOR, cached, inner
 from rimless_gym.kernel import tile as slot
 from rimless_gym.kernel.accounting import open_interval
-from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
+from rimless_gym.kernel.attempt import attempt_step, runs
+from rimless_gym.kernel.integration import find_sines
 from rimless_gym.kernel.tile import CARRIED, LANES, MACHINE_END, TILE_SIZE, copy_lanes, one_copy
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
@@ -138,22 +140,23 @@ def gather(tile, count, other, many):
 
 
 @inner
-def step_on(tile, states, out, stride, duration, pull):
-    """Another step in the lanes that need one; wheels that are done then are written back.
+def running(tile):
+    """Which lanes need another step, as bits."""
+    bits = 0
+    for lane in range(LANES):
+        bits |= int(runs(tile, lane)) << lane
+    return bits
 
-    Returns how many are not.
-    """
-    ran = 0
+
+@inner
+def store_lanes(tile, bits, states, out, stride):
+    """Write the wheels of some lanes back."""
     for lane in range(LANES):
-        ran |= int(runs(tile, lane)) << lane
-    unfinished = attempt_again(tile, LANES, duration, pull)
-    for lane in range(LANES):
-        if ran >> lane & 1 and not runs(tile, lane):
+        if bits >> lane & 1:
             store_lane(tile, lane, states, out, stride)
-    return unfinished
 
 
-@cached(ROLLOUTS, nogil=True)
+@cached(SIMULATOR, nogil=True)
 def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 
@@ -173,6 +176,7 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
         share_machine(work, constants, poles)
     else:
         work[-1] = 0.0
+    few, waiting = last - first <= LANES, False
     for base in range(first, last, LANES):
         count = min(LANES, last - base)
         load(tile, flat, voltages, base, count, stride)
@@ -181,17 +185,29 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
                 load_machine(tile, lane, constants, poles, base + lane)
         open_interval(tile, duration, pull)
         unfinished = attempt_step(tile, count, duration, pull)
-        while unfinished and last - first <= LANES:
-            unfinished = attempt_again(tile, count, duration, pull)
+        while unfinished and few:
+            find_sines(tile)
+            unfinished = attempt_step(tile, count, duration, pull)
         store(tile, flat, flat_out, base, count, stride)
         if unfinished:
-            unfinished = gather(tile, count, spare, many)
-        while unfinished:
-            step_on(spare, flat, flat_out, stride, duration, pull)
-            unfinished = gather(tile, count, spare, many)
-    if last - first > LANES:
-        while step_on(spare, flat, flat_out, stride, duration, pull):
-            pass
+            unfinished, waiting = gather(tile, count, spare, many), True
+        while unfinished or (waiting and base + LANES >= last):
+            ran = running(spare)
+            find_sines(spare)
+            waiting = attempt_step(spare, np.int64(LANES), duration, pull) > 0
+            store_lanes(spare, ran & ~running(spare), flat, flat_out, stride)
+            if unfinished:
+                unfinished, waiting = gather(tile, count, spare, many), True
+
+
+@functools.cache
+def kernel_address() -> int:
+    """Where the machine code of `advance_batch` is in this process."""
+    arrays = "float64[:, ::1], float64[::1]"
+    advance_batch.compile(f"({arrays}, {arrays}, int64, int64, float64, float64, {arrays})")
+    (compiled,) = advance_batch.overloads.values()
+    address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    return address
 
 
 def require_steppable(params: WheelParams) -> None:

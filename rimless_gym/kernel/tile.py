@@ -169,6 +169,7 @@ TILE_SIZE = next(_count) * LANES
 get_state, put_state = reader(State), writer(len(State._fields))
 get_acc, put_acc = reader(Accelerations), writer(len(Accelerations._fields))
 get_losses, put_losses = reader(Losses), writer(len(Losses._fields))
+add_losses = adder(len(Losses._fields))  # (tile, quantity, lane, weight, values)
 _read_constants = reader(Constants)
 
 

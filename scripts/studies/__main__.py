@@ -26,6 +26,7 @@ STUDIES = {
     "own_wheel": "own_wheel",
     "processors": "processors",
     "publish": "publish",
+    "rejax_ppo": "rejax_ppo",
     "rests": "fronts.rests",
     "returns": "returns",
     "robustness": "robustness",

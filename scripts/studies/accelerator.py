@@ -1,11 +1,13 @@
 """The study `accelerator`: speed and accuracy of `rimless_gym.jax` on the accelerator at hand.
 
-Intervals of 10 ms, in random play and on walks, are advanced there and by the compiled simulator on
-all cores of the same machine.
+Intervals of 10 ms, in random play and on walks, are advanced there, by the compiled simulator on
+all cores of the same machine, and by MJX if it is installed: MuJoCo in JAX, with the wheel of
+`rimless_gym.export`.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import time
@@ -21,6 +23,8 @@ from agents.cli.options import Count, MaybePath
 from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.envs.starts import draw_start
+from rimless_gym.export import joint_state, to_mjcf
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import HybridState, advance, hybrid_states
 from rimless_gym.presets import preset
 from scripts.studies.benchmark.ours import PRESET, load_walks
@@ -32,6 +36,7 @@ Intervals = tuple[Floats, Floats]  # hybrid states (N, 6) at their beginnings, v
 FOLDER = Path("runs", "bench")
 DIFFERENT = 4096  # intervals; batches repeat them
 LEAST = 1.0  # seconds of a measurement
+MJX_SHARE = 256  # of the rows, one in so many in MJX, which is that much slower
 
 SECTION = "speed"
 MARKS = markdown.marks("accelerator", (SECTION,))
@@ -88,6 +93,11 @@ def measured_here(rows: int, out: Path) -> dict[str, Any]:
                 about = {"motion": motion, "by": dtype, "rows": count}
                 results.append(about | measured(env, given, count))
                 print(results[-1], flush=True)
+        if importlib.util.find_spec("mujoco") and importlib.util.find_spec("mujoco.mjx"):
+            count = max(1, rows // MJX_SHARE)
+            about = {"motion": motion, "by": "mjx", "rows": count}
+            results.append(about | {"per_second": mjx_speed(given, count)})
+            print(results[-1], flush=True)
         (out / "accelerator.json").write_text(json.dumps(found, indent=1))
     return found
 
@@ -102,6 +112,7 @@ def table(found: dict[str, Any]) -> str:
         "kernel": f"compiled simulator, {found['cores']} cores",
         "float32": "float32, RK4",
         "float64": "float64, DOP853",
+        "mjx": "MJX, float32, steps of 0.5 ms",
     }
     rows = [[titles[by], f"{n:,}", *cell] for (by, n), cell in cells.items()]
     head = ["", "rows at once", "walks (1/s)", "random play (1/s)"]
@@ -214,6 +225,32 @@ def kernel_speed(given: Intervals, rows: int, cores: int) -> float:
     part(*parts[0])  # compiles
     with ThreadPoolExecutor(cores) as pool:
         return per_second(lambda: list(pool.map(part, *zip(*parts, strict=True))), rows)
+
+
+def mjx_speed(given: Intervals, rows: int) -> float:
+    """Intervals per second of MuJoCo in JAX, whose steps are as short as touchdowns need them."""
+    import jax
+    import jax.numpy as jnp
+    import mujoco
+    from mujoco import mjx
+
+    machine, index = preset(PRESET), np.arange(rows) % DIFFERENT
+    model = mujoco.MjModel.from_xml_string(to_mjcf(machine))
+    states, volts = (x[index] for x in given)
+    positions, rates = joint_state(machine, states[:, :4])
+    steps = round(CONTROL_PERIOD / model.opt.timestep)
+    with jax.enable_x64(False):
+        system, begin = mjx.put_model(model), mjx.put_data(model, mujoco.MjData(model))
+
+        def interval(position: Any, rate: Any, u: Any) -> Any:
+            data = begin.replace(qpos=position, qvel=rate, ctrl=u)
+            end = jax.lax.fori_loop(0, steps, lambda _, x: mjx.step(system, x), data)
+            return end.qpos, end.qvel
+
+        arrays = jnp.asarray(positions), jnp.asarray(rates), jnp.asarray(volts[:, None])
+        program = jax.jit(jax.vmap(interval)).lower(*arrays).compile()
+        jax.block_until_ready(program(*arrays))
+        return per_second(lambda: jax.block_until_ready(program(*arrays)), rows)
 
 
 def per_second(call: Callable[[], Any], rows: int) -> float:

@@ -1,0 +1,67 @@
+"""PPO of rejax and of Brax train on `rimless_gym.jax`, and rejax with a law as prior."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("XLA_FLAGS", "--xla_disable_hlo_passes=fusion")  # compiles twice as fast
+jax: Any = pytest.importorskip("jax")
+from rimless_gym.jax import EnvParams, RejaxEnv, WheelEnv, brax_env  # noqa: E402
+
+pytestmark = pytest.mark.peers
+SMALL = {"num_envs": 8, "num_steps": 4, "num_minibatches": 2, "num_epochs": 1}
+
+
+def test_ppo_of_rejax_trains() -> None:
+    rejax = pytest.importorskip("rejax")
+    env = RejaxEnv(control_period=0.02)
+    settings = {"env_params": EnvParams(10), "total_timesteps": 64, "eval_freq": 32}
+    learner = rejax.PPO.create(env=env, **settings, **SMALL)
+    state, (lengths, returns) = jax.jit(learner.train)(jax.random.key(0))
+    assert int(state.global_step) >= 64
+    assert 1 <= int(lengths.min()) <= int(lengths.max()) <= 10
+    assert np.isfinite(returns).all()
+
+
+def test_ppo_of_brax_trains() -> None:
+    ppo = pytest.importorskip("brax.training.agents.ppo.train")
+    sizes = {"num_envs": 8, "num_eval_envs": 8, "batch_size": 8, "num_minibatches": 1}
+    _, _, metrics = ppo.train(
+        brax_env(WheelEnv(control_period=0.02)),
+        num_timesteps=64,
+        episode_length=10,
+        unroll_length=4,
+        num_evals=2,
+        **sizes,
+    )
+    assert math.isfinite(metrics["eval/episode_reward"])
+
+
+def test_rejax_trains_with_a_prior_and_leaves_a_policy_that_acts(tmp_path: Path) -> None:
+    pytest.importorskip("rejax")
+    import torch
+
+    from agents.policy_files import load_policy
+    from agents.prior import LOWEST, Fitted, Prior
+    from rimless_gym import BUILDABLE
+    from rimless_gym.envs.layout import observe
+    from rimless_gym.envs.task import Task
+    from scripts.studies.rejax_ppo import prior_env, trained
+
+    states = np.array([[1.5, 0.3, 1.0, 9.0, 0, 0], [1.3, -2.0, 1.2, 10.0, 0, 0]])
+    seen = observe(BUILDABLE, states)
+    network = torch.nn.Sequential(torch.nn.Linear(6, 4), torch.nn.Tanh(), torch.nn.Linear(4, 1))
+    potential = Fitted(network)
+    prior = Prior("two states", BUILDABLE, Task(), 0.01, states, potential, LOWEST)
+    of_jax = jax.vmap(prior_env(prior).potential)(seen)
+    assert np.asarray(of_jax) == pytest.approx(potential(seen), abs=1e-6)
+
+    for file in trained(prior, 2, 64, tmp_path, SMALL):
+        policy = load_policy(file)
+        assert np.abs(policy.act(seen)).max() <= 1.0
