@@ -58,9 +58,9 @@ $(DEVELOPERS): $(INSTALLED)
 	@touch $@
 
 $(PEERS): $(DEVELOPERS)
-	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib, skrl, CleanRL) into $(VENV)"
+	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib, skrl, CleanRL, Brax, rejax) into $(VENV)"
 	@$(PIP) install -c constraints.txt -e ".[test,peers]"
-	@$(PIP) install -c constraints.txt --no-deps --ignore-requires-python cleanrl
+	@$(PIP) install -c constraints.txt --no-deps --ignore-requires-python cleanrl gymnax rejax
 	@touch $@
 
 compare: $(INSTALLED)

@@ -158,7 +158,7 @@ def _smooth_step(tile):
         put_state(tile, slot.STATE, lane, y)
         acc = accelerations(float(SINGLE), y.phi, y.theta, y.dphi, y.dtheta, u, p)
         put_acc(tile, slot.ACC, lane, acc)
-    find_sines(tile)
+        put_sines(tile, lane)
     rk8(tile)
 
 
