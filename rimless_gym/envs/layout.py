@@ -51,11 +51,11 @@ class TaskParams(NamedTuple):
 
 Weights = record("Weights", [field.name for field in dataclasses.fields(Task)], __name__)
 
-#: What is remembered of each row from step to step: the hybrid state and its ground; the voltage held over the
-#: interval (V) and the last action; time (s) and intervals since the episode began; the delay from
-#: action to voltage (intervals); machine and task; the travel that may still be rewarded (m); and,
-#: for a push before the interval, its work (J) and the number of legs by which it moved the stance
-#: foot.
+#: What is remembered of each row from step to step: the hybrid state and its ground; the voltage
+#: held over the interval (V) and the last action; time (s) and intervals since the episode began;
+#: the delay from action to voltage (intervals); machine and task; the travel that may still be
+#: rewarded (m); and, for a push before the interval, its work (J) and the number of legs by which
+#: it moved the stance foot.
 Memory = record(
     "Memory",
     [
