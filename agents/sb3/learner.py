@@ -21,9 +21,17 @@ from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from agents import learner
-from agents.conditions import Conditions
+from agents.conditions import Conditions, require_usual
 from agents.imitation import CloneReport, Cloning, Teaching, clone
-from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
+from agents.learner import (
+    NO_CHANGES,
+    SCRATCH,
+    Callback,
+    LearnerSettings,
+    PolicyParts,
+    Training,
+    require_known,
+)
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
@@ -280,6 +288,34 @@ class Ppo(Sb3Learner):
         modules = policy.mlp_extractor.policy_net, policy.action_net
         weights = [weight for module in modules for weight in module.parameters()]
         return Actor(model, mean_action, weights, [policy.log_std], set_noise)
+
+
+class FineTuner(Ppo):
+    """Goes on from a policy of PPO's that walks, in usual conditions and without a prior.
+
+    Attributes:
+        name: of the learner.
+        timesteps: control intervals of a training, unless others are given.
+    """
+
+    takes_prior = False
+    name: ClassVar[str]
+    timesteps: ClassVar[int]
+
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        require_usual(self.name, training.conditions)
+        super().__init__(training, start)
+
+    @classmethod
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
+        """Those of PPO from a policy, with time steps of its own."""
+        if init == SCRATCH:
+            raise ValueError(
+                f"init = {init!r}: {cls.name} goes on from a policy that walks; begin from "
+                "'imitation', or from a policy's file"
+            )
+        require_known(changes, ["n_timesteps", "policy_kwargs"])
+        return super().settings(init, {"n_timesteps": cls.timesteps, **changes})
 
 
 class Sac(Sb3Learner):

@@ -52,8 +52,8 @@ FAR, PLANNING = 2.5, 4.0
 #: what is left of a wrong model then costs less.
 GENTLE, BLEND = 1.0, 0.2
 
-#: When a machine is first identified, and then again and again (s). What earlier fits have told is
-#: known to the next one, which takes it to be less sure: its covariance so many times larger.
+#: When a machine is first identified, and then again and again (s). What earlier fits have found
+#: is known to the next one, which takes it to be less sure: its covariance so many times larger.
 FIRST, EVERY, FORGETTING = 2.0, 4.0, 1.2
 _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
 
@@ -195,7 +195,7 @@ def _steps(params: WheelParams, names: Sequence[str]) -> Floats:
 
 
 def flat(data: lqr.LqrGains) -> Floats:
-    """What differs between the laws of two machines, as one row; see `_unpacked`."""
+    """What differs between the laws of two machines, as one row; see `_voltages`."""
     orbit = data.orbit
     parts = orbit.states, data.gentle, data.firm, orbit.times, data.voltages, data.timing
     return np.concatenate([*(np.ravel(each) for each in parts), orbit.metric, [data.clock.tick]])
