@@ -30,7 +30,7 @@ from rimless_gym import (
 )
 from rimless_gym.energy import ROW, balance
 from rimless_gym.envs.arguments import MOST_TICKS
-from rimless_gym.envs.layout import MOST_SPEED, NUMBER_NAMES
+from rimless_gym.envs.layout import MEMORY, MOST_SPEED, NUMBER_NAMES
 from rimless_gym.envs.starts import Starts, draw_start, normal_force
 from rimless_gym.envs.task import TERM_NAMES, Task
 from rimless_gym.equations import DOUBLE, IMPACT_LAWS, LOSSES, MODE_NAMES, equations
@@ -39,6 +39,7 @@ from rimless_gym.kernel.attempt import LEAST_PEAK, peak
 from rimless_gym.kernel.stepping import MODE, advance, require_steppable
 from rimless_gym.params import MOTOR_MOUNTS, WheelParams
 from rimless_gym.presets import PRESETS
+from rimless_gym.streams import MOST_TURN
 
 EXAMPLES = settings.default.max_examples // 6  # of the profile, see tests/conftest.py
 LENGTH = 60  # intervals of a trial
