@@ -3,8 +3,8 @@
 Each is drawn from the row's own random stream. A disturbance that is not used costs no time.
 
 An episode takes a single 64-bit key from its row's NumPy generator. Everything random in it
-(machine, start, ground, pushes, sensor noise, delay) comes from the stream of `rimless_gym.streams`
-that begins at that key. So a row draws the same numbers whether it is stepped alone or among others.
+(machine, start, ground, pushes, sensor noise, delay) comes from the stream that begins at that key;
+see `rimless_gym.streams`. So a row draws the same numbers whether it is stepped alone or not.
 """
 
 from __future__ import annotations
