@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rimless_gym.equations import DOUBLE, SINGLE, equations
 from rimless_gym.params import WheelParams
@@ -161,7 +162,7 @@ def on_ground(scene: Scene, params: WheelParams, ground: Ground, foot: int) -> S
     return dataclasses.replace(moved, foot_y=shown[SHOWN].imag, ground=tuple(shown.tolist()))
 
 
-def height_at(ground: Sequence[complex], x: float) -> float:
+def height_at(ground: ArrayLike, x: float) -> float:
     """Height of the ground (m) at x."""
     return float(np.interp(x, np.real(ground), np.imag(ground)))
 

@@ -27,11 +27,10 @@ def turn_of(ground: Ground, params: WheelParams = DOWNHILL):
     return lambda k: float(turns[k + FAR])
 
 
-@pytest.mark.parametrize("seed", [0.125, 0.2, 0.7])
-def test_both_simulators_walk_over_the_same_ground_and_account_for_its_heights(seed: float) -> None:
+def test_both_simulators_walk_over_the_same_ground_and_account_for_its_heights() -> None:
     """The wheel walks down, rocks, and comes to rest on two feet."""
-    ground, x0, p = Ground(seed, 0.04), [1.4, 0.3, 2.0, 6.0], DOWNHILL.constants
-    volts = np.repeat(np.random.default_rng(round(1000 * seed)).uniform(-3, 4, 20), 10)
+    ground, x0, p = Ground(0.7, 0.04), [1.4, 0.3, 2.0, 6.0], DOWNHILL.constants
+    volts = np.repeat(np.random.default_rng(700).uniform(-3, 4, 20), 10)
     turn, state, sums = turn_of(ground), np.zeros((1, GROUNDED_SIZE)), np.zeros(len(ROW))
     state[0, :4], state[0, -2:] = x0, ground
     for u in volts:
