@@ -33,15 +33,19 @@ MARKS = markdown.marks("robustness", ("machines",))
 #: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
 TICKS = (46, 42)
 
-#: What is measured, and the gait that it holds, None for a policy. There is no table of laws for
-#: the adaptive controller at 0.620 m/s.
+#: What is measured, and the gait that it holds, None for a policy.
 CANDIDATES: dict[str, int | None] = {
     "lqr 46": 46,
     "adaptive 46": 46,
     "lqr 42": 42,
+    "adaptive 42": 42,
     "imitation": None,
     "robust": None,
 }
+
+#: How long a walk lasts (s), of which `SHORT_PROTOCOL` measures the last 10: a controller that
+#: adapts has done so until then.
+DURATION = 28.0
 
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
@@ -208,7 +212,7 @@ def walked(task: Walk) -> dict[str, Any]:
     result = evaluate(
         policy_of(task.candidate, task.folder),
         task.machine,
-        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts),
+        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=DURATION),
         disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
         progress=False,
     )
