@@ -68,9 +68,8 @@ def least_losses(params: WheelParams, speed: float, turns_per_step: float) -> fl
     dpsi = mean_rates(params, speed, turns_per_step)[2]
     end = ENVELOPE * c.w
     tangent = _losses(params, speed, turns_per_step, min(dpsi, end)).friction
-    return (
-        _smooth_losses(params, speed, turns_per_step, dpsi) + tangent + c.F0 * max(dpsi - end, 0.0)
-    )
+    friction = tangent + c.F0 * max(dpsi - end, 0.0)
+    return float(_smooth_losses(params, speed, turns_per_step, dpsi) + friction)
 
 
 def motor_deficit(params: WheelParams, speed: float, turns_per_step: float) -> float:
