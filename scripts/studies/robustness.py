@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
+from agents.cli.options import Count, MaybeCount, MaybePath, Positive, Several, chosen
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, controller_policy
@@ -23,6 +23,7 @@ from scripts.studies.documents import markdown
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
+from trajopt.feedback.gait_table import law_about
 from trajopt.gaits.fronts import shipped_front
 from trajopt.identification.fit import PHYSICAL
 from trajopt.pool import run
@@ -33,19 +34,17 @@ MARKS = markdown.marks("robustness", ("machines",))
 #: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
 TICKS = (46, 42)
 
-#: What is measured, and the gait that it holds, None for a policy.
+#: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR from
+#: which the adaptive controller starts.
 CANDIDATES: dict[str, int | None] = {
     "lqr 46": 46,
+    "gentle 46": 46,
     "adaptive 46": 46,
     "lqr 42": 42,
     "adaptive 42": 42,
     "imitation": None,
     "robust": None,
 }
-
-#: How long a walk lasts (s), of which `SHORT_PROTOCOL` measures the last 10: a controller that
-#: adapts has done so until then.
-DURATION = 28.0
 
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
@@ -74,6 +73,7 @@ class Walk(NamedTuple):
     machine: WheelParams
     disturbances: str | None
     starts: int
+    seconds: float
     folder: Path
 
 
@@ -90,12 +90,13 @@ def robustness(
     out: Path = Path("runs/robustness"),
     machines: Count = 16,
     starts: Count = 4,
+    seconds: Positive = 20.0,
     candidates: Several = (),
     groups: Several = (),
     workers: MaybeCount = None,
     docs: MaybePath = None,
 ) -> int:
-    """Measure the LQR, the adaptive controller and two policies on changed machines.
+    """Measure two LQRs, the adaptive controller and two policies on changed machines.
 
     All parameters within a few percent, single ones, slopes, payload, battery, delay and noise.
     The cost is compared with each machine's own optimum at the speed at which it walks. It takes
@@ -105,6 +106,7 @@ def robustness(
         out: folder of the study.
         machines: how many are drawn for each level.
         starts: of each machine.
+        seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
         workers: processes; by default one for every core.
@@ -113,7 +115,7 @@ def robustness(
     changes, names = cases(machines), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
     walks = [
-        Walk(candidate, machine, case.disturbances, starts, out)
+        Walk(candidate, machine, case.disturbances, starts, seconds, out)
         for case in every.values()
         for candidate in names
         for machine in case.machines
@@ -204,7 +206,8 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    return controller_policy(BUILDABLE, laws.design(law, gait, folder))
+    held = law_about(gait) if law == "gentle" else law
+    return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 
 def walked(task: Walk) -> dict[str, Any]:
@@ -212,7 +215,7 @@ def walked(task: Walk) -> dict[str, Any]:
     result = evaluate(
         policy_of(task.candidate, task.folder),
         task.machine,
-        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=DURATION),
+        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=task.seconds),
         disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
         progress=False,
     )

@@ -16,8 +16,7 @@ The fitted model has the structure of the simulator's; what it lacks is in docs/
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,28 +24,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import require_kind
-from rimless_gym.equations import DOUBLE
+from rimless_gym.energy import ROW
+from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached
+from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
-from trajopt.feedback.controller import ContactGuard, margin_for
-from trajopt.feedback.law import Floats, Law
+from rimless_gym.rules import exceeds
+from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
+from trajopt.feedback.gait_table import (
+    GaitTable,
+    Neighbour,
+    flat,
+    gains_of,
+    law_about,
+    law_of,
+    own_gait,
+)
+from trajopt.feedback.law import Floats
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Clock, Orbit, has_clock, located
+from trajopt.feedback.orbit import has_clock, located, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
-from trajopt.gaits.periodic import NoGaitError, periodic_gait
+from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import Noise, identify, physical
+from trajopt.identification.fit import Noise, identify
 from trajopt.identification.log import Log, LogError
-from trajopt.pool import run
-from trajopt.store import Store, key
-
-#: By how much each parameter differs in the table, up and down: a share, and of the slope (rad).
-SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
-
-#: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
-#: their kind within it.
-BENT = 0.5
 
 #: A machine so many steps away (the root of the sum of squares) has its gait solved for, which
 #: takes so long (s); until then it has the table's law, and then the table's with a correction.
@@ -56,28 +58,16 @@ FAR, PLANNING = 2.5, 4.0
 #: twice as much is known.
 REPLANNED = (2, 4, 8, 16)
 
+#: How many walks try the law about such a gait in a simulation, and for how long (s).
+TRIALS, TRIAL = 4, 6.0
+
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
-
-#: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
-#: what is left of a wrong model then costs less.
-GENTLE, BLEND = 1.0, 0.2
 
 #: When a machine is first identified, and then again and again (s). What earlier fits have found
 #: is known to the next one, which takes it to be less sure: its covariance so many times larger.
 FIRST, EVERY, FORGETTING = 2.0, 4.0, 1.2
 _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
-
-
-class Neighbour(NamedTuple):
-    """A machine, and a gait of the nominal one, from which its own is continued.
-
-    Its steps may last up to `longest` control periods longer.
-    """
-
-    gait: Solution
-    params: WheelParams
-    longest: int = 0
 
 
 class Plan(NamedTuple):
@@ -86,167 +76,6 @@ class Plan(NamedTuple):
     tick: int
     params: WheelParams
     law: Floats
-
-
-def law_of(task: Neighbour) -> Floats | None:
-    """The LQR about the gait of a machine; flat.
-
-    Its steps last as long as the nominal ones or, as long as that costs less, one or more periods
-    longer. None where there is no such gait, or none that a law holds.
-    """
-    best: Solution | None = None
-    try:
-        for longer in range(task.longest + 1):
-            gait = task.gait if task.params == task.gait.params else _own(*task[:2], longer)
-            if gait is None or not gait.verification.passed:
-                continue
-            if best is not None and gait.cot >= best.cot:
-                break
-            best = gait
-        return None if best is None else flat(law_about(best).data)
-    except (ValueError, RuntimeError):
-        return None
-
-
-def _own(gait: Solution, params: WheelParams, longer: int) -> Solution | None:
-    """The gait of a machine, whose steps last some control periods longer than another's.
-
-    The search starts from the other gait as it is, which takes a second, or from that which is
-    continued to this machine.
-    """
-    for guess in (dataclasses.replace(gait, params=params), gait):
-        try:
-            return periodic_gait(
-                *(params, None, gait.steps, gait.regeneration),
-                step_time=gait.duration / gait.steps + longer * CONTROL_PERIOD,
-                hold=CONTROL_PERIOD,
-                guess=guess,
-                progress=False,
-            )
-        except NoGaitError:
-            continue
-    return None
-
-
-def law_about(gait: Solution) -> Law:
-    """The LQR about a gait, as the table has it."""
-    law = lqr.design(gait, GENTLE)
-    return dataclasses.replace(law, data=law.data._replace(blend=BLEND))
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class GaitTable:
-    """Gaits and gains as quadratic functions of each parameter by itself.
-
-    Attributes:
-        gait: the nominal one.
-        law: the nominal law.
-        names: of k parameters.
-        rows: `flat` laws (2 k + 1, m): the nominal one, then one with each parameter a step more
-            and one with it a step less.
-    """
-
-    gait: Solution
-    law: Law
-    names: tuple[str, ...]
-    rows: Floats
-
-    @classmethod
-    def about(
-        cls,
-        gait: Solution,
-        names: Sequence[str] | None = None,
-        folder: Path | None = None,
-        workers: int | None = None,
-    ) -> GaitTable:
-        """Solve for the gaits, which takes some 3 s of one core each.
-
-        Args:
-            gait: the nominal one, held for a control period.
-            names: of the parameters that may differ; by default the physical ones and the slope.
-            folder: where finished rows are stored; None: nowhere.
-            workers: processes; by default one for every core.
-
-        Raises:
-            ValueError: a machine that differs has no such gait, or too different a law.
-        """
-        nominal = gait.params
-        names = (*physical(nominal), "slope") if names is None else tuple(names)
-        machines = [nominal] + [
-            dataclasses.replace(nominal, **{name: getattr(nominal, name) + sign * step})
-            for name, step in zip(names, _steps(nominal, names), strict=True)
-            for sign in (1, -1)
-        ]
-        states = np.stack([phase.states[0, 0] for phase in gait.phases])
-        common = {"states": states, "duration": gait.duration, "gentle": GENTLE}
-        keys = [key("flat_law", params=each, **common) for each in machines]
-        store = None if folder is None else Store(folder)
-        rows = {k: store.load(k) for k in keys if store is not None and k in store}
-        todo = [
-            Neighbour(gait, each) for each, k in zip(machines, keys, strict=True) if k not in rows
-        ]
-        for task, row in run(law_of, todo, workers, progress="gaits of changed machines"):
-            name = keys[machines.index(task.params)]
-            rows[name] = row
-            if store is not None:
-                store.save(name, row)
-        return cls(gait, law_about(gait), names, _smooth([rows[k] for k in keys], gait, names))
-
-    @property
-    def params(self) -> WheelParams:
-        """The nominal machine."""
-        return self.law.params
-
-    def steps(self, params: WheelParams) -> Floats:
-        """How many of the table's steps a machine is away in every parameter, (k,)."""
-        changes = [getattr(params, name) - getattr(self.params, name) for name in self.names]
-        return np.array(changes) / _steps(self.params, self.names)
-
-    def at(self, params: WheelParams) -> Floats:
-        """The `flat` law of a machine, (m,)."""
-        d = self.steps(params)[:, None]
-        up, down = self.rows[1::2] - self.rows[0], self.rows[2::2] - self.rows[0]
-        return np.asarray(self.rows[0] + ((up - down) * d + (up + down) * d**2).sum(axis=0) / 2)
-
-
-def _smooth(rows: Sequence[Floats | None], gait: Solution, names: Sequence[str]) -> Floats:
-    """The rows of a table; refuses a gait near which others change their kind."""
-    for name, up, down in zip(names, rows[1::2], rows[2::2], strict=True):
-        if rows[0] is None or up is None or down is None:
-            found = "no gait was found that a law holds"
-        else:
-            bent = np.abs(up + down - 2 * rows[0]).max() / np.abs(up - down).max()
-            found = "" if bent < BENT else f"the law bends by {bent:.2f} of its change"
-        if found:
-            raise ValueError(
-                f"{gait.speed:.4g} m/s: with a little more or less of {name}, {found}, of which at "
-                f"most {BENT} fits a table; choose another speed, such as 0.566 m/s of BUILDABLE"
-            )
-    return np.array(rows)
-
-
-def _steps(params: WheelParams, names: Sequence[str]) -> Floats:
-    """By how much parameters differ in a table."""
-    return np.array([SLOPE_SPREAD if n == "slope" else SPREAD * getattr(params, n) for n in names])
-
-
-def flat(data: lqr.LqrGains) -> Floats:
-    """What differs between the laws of two machines, as one row; `_gains` is the inverse."""
-    orbit = data.orbit
-    parts = orbit.states, data.gentle, data.firm, orbit.times, data.voltages, data.timing
-    columns = (*parts, orbit.continued, orbit.metric, [data.clock.tick])
-    return np.concatenate([np.ravel(each).astype(np.float64) for each in columns])
-
-
-def _gains(row: Floats, shared: lqr.LqrGains) -> lqr.LqrGains:
-    """The law of a `flat` row; what all laws have in common is in `shared`."""
-    n = (len(row) - 5) // 16
-    states, gentle, firm = row[: 12 * n].reshape(3, n, 4)
-    times, volts, timing, continued = row[12 * n : 16 * n].reshape(4, n)
-    metric, tick = row[16 * n : 16 * n + 4], float(row[-1])
-    orbit = Orbit(states, times, volts, continued > 0.5, metric, shared.orbit.limit)
-    clock = Clock(tick, shared.clock.ahead)
-    return lqr.LqrGains(orbit, volts, gentle, firm, timing, clock, shared.blend)
 
 
 @cached()
@@ -280,7 +109,7 @@ def sturdy(gait: Solution) -> Solution:
     """The gait itself or, if it lands more slowly than `LANDING`, one with longer steps."""
     slower: Solution | None = gait
     while slower and min(each.states[-1, -1, 2] for each in slower.phases) < LANDING:
-        gait, slower = slower, _own(slower, slower.params, 1)
+        gait, slower = slower, own_gait(slower, slower.params, 1)
     return slower or gait
 
 
@@ -332,6 +161,48 @@ class AdaptiveController:
     def margin(self) -> float:
         """Of the contact guard, which must not act on either gait."""
         return min(margin_for(each.gait) for each in (self.first, self.wanted) if each)
+
+    def efficient_law(self, params: WheelParams) -> Floats | None:
+        """The law about a machine's own gait, with a step of the wanted time or of a longer one.
+
+        It is that of least cost, among the first gaits to which a simulated walk comes from the
+        gait that is walked first, and on which it stays; flat. None where there is none.
+        """
+        assert self.wanted is not None
+        first, wanted = self.first.gait, self.wanted.gait
+        periods = round((first.duration - wanted.duration) / first.steps / CONTROL_PERIOD)
+        best = None
+        for longer in range(periods):
+            gait = own_gait(wanted, params, longer)
+            if gait is None or not gait.verification.passed:
+                continue
+            if best is not None and gait.cot >= best.cot:
+                break
+            if self._holds(gait):
+                best = gait
+        return None if best is None else flat(law_about(best).data)
+
+    def _holds(self, gait: Solution) -> bool:
+        """Whether walks come to a gait of the wanted kind and stay on it, simulated."""
+        assert self.wanted is not None
+        first, near = self.first.gait, self.wanted.near
+        try:
+            law = law_about(gait)
+        except RuntimeError:
+            return False
+        startup = dataclasses.replace(self.wanted.startup, params=gait.params)
+        switching = SwitchingController(law, startup, near)
+        guarded = ContactGuard(gait.params, switching, self.margin)
+        times = first.duration * (np.arange(TRIALS) + 0.5) / TRIALS
+        states = hybrid_states(first.state(times), SINGLE)
+        ticks = round(TRIAL / CONTROL_PERIOD)
+        for tick in range(ticks):
+            volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
+            out = advance(gait.params, states, volts, CONTROL_PERIOD)
+            slips = exceeds(out[:, ROW.friction_demand].max(), gait.params.friction)
+            if out[:, ROW.failure].any() or (slips and tick > ticks / 2):
+                return False
+        return bool((squared_distances(states[:, :4], law.data.orbit) < near**2).all())
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -436,7 +307,7 @@ class AdaptiveWalks:
         if plan is not None:
             wanted = self.controller.wanted is not None
             law = plan.law if wanted else plan.law + law - table.at(plan.params)
-        self._data[row] = _gains(law, table.law.data)
+        self._data[row] = gains_of(law, table.law.data)
 
     def _volts(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:
         """The law's voltage near its gait, and the start-up controller's elsewhere."""
@@ -479,9 +350,7 @@ class AdaptiveWalks:
         table, wanted, count = controller.table, controller.wanted, int(self.identified[row])
         far = np.linalg.norm(table.steps(params)) > FAR
         if wanted is not None and count in REPLANNED:
-            slower = controller.first.gait.duration - wanted.gait.duration
-            periods = round(slower / wanted.gait.steps / CONTROL_PERIOD)
-            law = law_of(Neighbour(wanted.gait, params, periods - 1))
+            law = controller.efficient_law(params)
         elif wanted is None and far and self.plans[row] is None:
             law = law_of(Neighbour(table.gait, params))
         else:

@@ -13,7 +13,8 @@ from agents.rollout import AdaptivePolicy, Rollout
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import hybrid_states
 from trajopt.feedback import adaptive
-from trajopt.feedback.adaptive import AdaptiveController, Approach, GaitTable, flat
+from trajopt.feedback.adaptive import AdaptiveController, Approach
+from trajopt.feedback.gait_table import GaitTable, flat, gains_of
 from trajopt.store import Store
 
 
@@ -48,7 +49,7 @@ def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controll
         np.testing.assert_allclose(between, wanted, atol=1e-12)
     x = law.data.orbit.states[5:40:7] + 0.01
     for row, shift in zip(table.rows, (0.0, 0.5, -0.5), strict=True):
-        data = adaptive._gains(row, law.data)
+        data = gains_of(row, law.data)
         volts = [adaptive._voltage(each, SINGLE, data)[0] for each in x]
         np.testing.assert_allclose(volts, law(x) + shift, atol=1e-12)
 
@@ -58,7 +59,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
 ) -> None:
     """Then it holds the wanted gait, by the law about that of the identified machine."""
     planned = controller.table.rows[1]
-    monkeypatch.setattr(adaptive, "law_of", lambda task: planned)
+    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: planned)
     monkeypatch.setattr(adaptive, "REPLANNED", (1,))
     monkeypatch.setattr(adaptive, "PLANNING", 0.1)
     controller = dataclasses.replace(controller, wanted=controller.first._replace())
