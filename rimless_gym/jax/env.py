@@ -270,7 +270,7 @@ class RejaxEnv(WheelEnv):
     """
 
     @functools.partial(jax.jit, static_argnums=0)
-    def step(  # type: ignore[override]
+    def step(
         self, key: Any, state: EnvState, action: Any, params: EnvParams | None = None
     ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
         """(observation, state, reward, done, info); begins the next episode."""
@@ -283,7 +283,7 @@ def brax_env(env: WheelEnv) -> Any:
     """The environment as Brax's learners take it; they end its episodes by time themselves."""
     from brax.envs import Env, State  # only for those who have it
 
-    class BraxEnv(Env):  # type: ignore[misc]
+    class BraxEnv(Env):
         observation_size, action_size = len(env.observation_space().low), 1
         backend = "rimless_gym"
 

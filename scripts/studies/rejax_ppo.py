@@ -118,7 +118,7 @@ class PriorEnv(RejaxEnv):
         return jnp.clip((weights @ x + biases)[0], law.LOWEST, law.LEVEL)
 
 
-class PriorPPO(PPO):  # type: ignore[misc]
+class PriorPPO(PPO):
     """PPO with schedules for a training of so many `decisions`."""
 
     decisions: int = struct.field(pytree_node=False, default=1)
