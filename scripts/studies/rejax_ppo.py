@@ -88,7 +88,7 @@ class PriorEnv(RejaxEnv):
         usual_key, place_key, share_key = jax.random.split(key, 3)
         _, state = super().reset(usual_key)
         row = jnp.asarray(self.states)[jax.random.randint(place_key, (), 0, len(self.states))]
-        wheel = HybridState(*row[:4], row[4].astype(jnp.int32), jnp.zeros((), jnp.int32))
+        wheel = HybridState(*row[:4], *row[4:].astype(jnp.int32))
         chosen = jax.random.uniform(share_key) < law.SHARE
         wheel = jax.tree.map(lambda x, y: jnp.where(chosen, x, y), wheel, state.wheel)
         state = state._replace(wheel=wheel)
@@ -215,7 +215,7 @@ def to_rejax(weights: Mapping[str, Any]) -> dict[str, Any]:
 def from_rejax(actor: Mapping[str, Any]) -> dict[str, Any]:
     """The inverse of `to_rejax`."""
     hidden = (actor["features"][f"Dense_{i}"] for i in range(2))
-    weights = {}
+    weights = dict[str, Any]()
     for name, layer in zip(LAYERS, (*hidden, actor["action_mean"]), strict=True):
         weights |= {f"{name}.weight": layer["kernel"].T.copy(), f"{name}.bias": layer["bias"]}
     return weights

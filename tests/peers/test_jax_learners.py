@@ -32,7 +32,7 @@ def test_the_wrappers_around_all_of_brax_s_learners_step_it() -> None:
     """Brax 0.14's PPO itself needs a JAX before 0.10, which had `jax.device_put_replicated`."""
     training = pytest.importorskip("brax.envs.wrappers.training")
     env = training.wrap(brax_env(WheelEnv()), episode_length=3)
-    state = jax.jit(env.reset)(jax.random.split(jax.random.key(0), 8))
+    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), 8))  # Brax wants old keys
     step, actions = jax.jit(env.step), np.full((8, 1), 0.2, np.float32)
     for _ in range(3):
         before, state = state, step(state, actions)
