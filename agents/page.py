@@ -26,9 +26,9 @@ SCRIPTS = (
     *("drive.js", "scores.js", "machine.js", "main.js"),
 )
 
-#: The longest time between two samples of a gait (s), and points of each, over which power is
-#: integrated.
-SAMPLED, FINE = 0.008, 16
+#: The longest time between two samples of a gait (s), and of one that lasts for longer than `LONG`
+#: (s), most of which is a rest; and points of each, over which power is integrated.
+SAMPLED, SPARSELY, LONG, FINE = 0.008, 0.024, 2.0, 48
 
 #: What is sampled: angles (rad), voltage (V), power drawn (W) and energy drawn since the stride
 #: began (J), both with the idle power and without regeneration.
@@ -88,9 +88,10 @@ def _gait(gait: Solution) -> dict[str, Any]:
     durations: list[float] = []
     samples: list[NDArray[np.float64]] = []
     energy = 0.0
+    sampled = SPARSELY if gait.duration > LONG else SAMPLED
     spent = dict.fromkeys((*LOSSES, "collision", "idle", "returned"), 0.0)
     for step, phase in enumerate(gait.phases):
-        count = math.ceil(phase.duration / SAMPLED)
+        count = math.ceil(phase.duration / sampled)
         t = np.linspace(0.0, phase.duration, count * FINE + 1)
         columns, lost = _walked(gait.params, phase.state(t), phase.control(t)[:, 0], t)
         columns[-1] += energy
@@ -134,7 +135,7 @@ def _collision(
 ) -> float:
     """Energy lost in a forward touchdown (J)."""
     p = params.constants
-    left = _eq.mechanical_energy(*after, p) - _eq.descent(p)
+    left = _eq.mechanical_energy(*after, p) - _eq.descent(0.0, p)
     return float(_eq.mechanical_energy(*before, p) - left)
 
 

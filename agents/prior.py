@@ -15,7 +15,7 @@ Both wrap the native vector environment, so that any learner can use them::
 
     prior = law_prior(Conditions(), Task())
     envs = gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep")
-    envs = ReferenceStarts(PotentialShaping(envs, prior), prior)
+    envs = PotentialShaping(ReferenceStarts(envs, prior), prior)
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ CLUMSY_SECONDS, HELD = 4.0, 0.1
 CURRENTS = (0.05, 0.15, 0.4, 1.0)
 CLUMSY_STARTS = {"rest": 0.2, "moving": 0.5, "whirling": 0.3}
 
-#: Above this value (m) the potential is level: within a step of the gait it varies by less. Below
-#: the other it is level too; few states are worse.
-LEVEL, LOWEST = -0.06, -1.6
+#: Above this value (m), its average on the gait, the potential is level, and below the other; few
+#: states are worse.
+LEVEL, LOWEST = 0.0, -1.6
 
 #: How much lower than anywhere else the potential is after a fall (m).
 FALL = 0.3
@@ -78,7 +78,7 @@ FALL = 0.3
 WIDTH, GRADIENT_STEPS, BATCH_SIZE, LEARNING_RATE = 64, 6000, 2048, 3e-3
 
 #: The share of the episodes that begin in a state of the law's walks.
-SHARE = 0.3
+SHARE = 0.7
 
 #: The seed of the law's walks, and of the fit.
 SEED = (20150503,)
@@ -300,10 +300,14 @@ class PotentialShaping(WithPrior):
 
     The change is not discounted, as befits a differential value: so the reward of every interval of
     the law's own walks is about the average one of its gait, however long its start-up takes.
+
+    Attributes:
+        weight: how much more the potential counts than the reward, which is divided by it.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], prior: Prior) -> None:
         super().__init__(env, prior)
+        self.weight = 1.0
         self._states, self._values = np.empty((0, STATE_SIZE)), np.empty(0)
 
     def step(self, actions: Any) -> Stepped:
@@ -326,7 +330,7 @@ class PotentialShaping(WithPrior):
             self._states[ended] = np.nan
         self._values = prior.at(reached)
         after = np.where(terminated, prior.fallen, self._values)
-        return seen, rewards + (after - before), terminated, truncated, info
+        return seen, rewards / self.weight + (after - before), terminated, truncated, info
 
 
 class ReferenceStarts(WithPrior):

@@ -135,7 +135,7 @@ def space(algo: str) -> dict[str, BaseDistribution]:
             "n_steps": Choice((32, 64, 128, 256, 512)),
             "batch_size": Choice((512, 1024, 2048, 4096, 8192)),
             "n_epochs": Int(1, 20),
-            "gamma": Choice((0.98, 0.99, 0.995, 0.998, 0.999)),
+            "gamma": Choice((0.95, 0.98, 0.99, 0.995, 0.998, 0.999)),
             "gae_lambda": Choice((0.9, 0.95, 0.97, 0.99, 1.0)),
             "clip_range": Choice((0.1, 0.2, 0.3)),
             "ent_coef": Float(1e-6, 1e-2, log=True),

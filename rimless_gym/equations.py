@@ -430,19 +430,22 @@ def equations(
         return friction_level(torque, p) * greatest_mobility(p) * p.w * p.w / (wide * sqrt(wide))
 
     @compiled
+    def least_inertia(p):
+        """The pendulum's inertia (kg m^2) in the pose in which it is most mobile."""
+        m12 = p.Je3 + p.Jr * p.d1
+        return p.Je2 + p.Jr - m12 * m12 / (p.Je1 + p.Jr * p.d1)
+
+    @compiled
     def drag_pole(dphi, dtheta, p):
         """Largest rate (1/s) at which the air damps phi' and theta', over all poses."""
         m12 = p.Je3 + p.Jr * p.d1  # its largest: both are most mobile there
         wheel = 2 * p.Cd * abs(dphi) / (p.Je1 + p.Jr * p.d1 - m12 * m12 * p.mobility)
-        pendulum = 2 * p.Cp * (abs(dtheta) + p.w)
-        return wheel + pendulum / (p.Je2 + p.Jr - m12 * m12 / (p.Je1 + p.Jr * p.d1))
+        return wheel + 2 * p.Cp * (abs(dtheta) + p.w) / least_inertia(p)
 
     @compiled
     def swing_frequency(p):
         """Fastest that gravity swings the pendulum (rad/s), over all poses."""
-        m12 = p.Je3 + p.Jr * p.d1
-        inertia = p.Je2 + p.Jr - m12 * m12 / (p.Je1 + p.Jr * p.d1)
-        return sqrt(p.S2 * (abs(p.gx) + p.gy) / inertia)
+        return sqrt(p.S2 * (abs(p.gx) + p.gy) / least_inertia(p))
 
     # -- ground ---------------------------------------------------------------------------------
 
@@ -468,9 +471,15 @@ def equations(
         return abs(fx) / fy if fy > 0.0 else math.inf
 
     @compiled
-    def descent(p):
-        """Potential energy that every step down the slope takes off the foot's height (J)."""
-        return (p.m1 + p.m2) * p.gx * p.chord
+    def foot_travel(turn, p):
+        """Travel of the foot along the slope (m) in a step over ground steeper by `turn` (rad)."""
+        return p.chord * cos(turn)
+
+    @compiled
+    def descent(turn, p):
+        """Potential energy that such a step takes off the foot's height (J)."""
+        weight = (p.m1 + p.m2) * p.gx * cos(turn) + (p.m1 + p.m2) * p.gy * sin(turn)
+        return weight * p.chord
 
     @compiled
     def linear_momentum(phi, theta, dphi, dtheta, p):

@@ -130,6 +130,8 @@ def _shared(
 ) -> Generator[tuple[Task, Result], None, None]:
     import joblib  # a quarter of a second
 
+    # Loky replaces a worker that has grown by 300 MB, which CasADi's do in time, and loses nothing.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     share = max(1, cores() // workers)
     drawn: dict[int, Task] = {}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional
 
@@ -21,9 +21,6 @@ from agents.cli.options import (
     one,
     require_file,
 )
-
-if TYPE_CHECKING:
-    pass
 
 #: A file without an option before it.
 File = Annotated[Positional[Path], one("FILE", Path), NO_DEFAULT]
@@ -61,8 +58,7 @@ def log(
         seed: of the errors
     """
     from agents.policy_files import named_policy
-    from agents.rollout import at_rest, draw_starts
-    from agents.walk_log import recorded
+    from agents.rollout import at_rest, draw_starts, logged
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import periodic_gait
     from trajopt.identification import Noise
@@ -75,7 +71,7 @@ def log(
     if named.conditions.commanded:
         raise ValueError(f"{policy}: is commanded a speed; log a policy that chooses its own")
     first = at_rest(walking) if start is None else draw_starts(walking, start + 1, 0)[start]
-    walk = recorded(named.policy, walking, first, seconds, Noise(angle, current, rate), seed)
+    walk = logged(named.policy, walking, first, seconds, Noise(angle, current, rate), seed)
     walk.save(out)
     print(f"{out}: {len(walk)} samples, {walk.time[-1]:.2f} s, to foot {walk.foot[-1]:.0f}")
     return 0
@@ -92,7 +88,7 @@ def identify(
     rate: Positive = 1e-2,
     out: MaybePath = None,
 ) -> int:
-    """Identify a machine from a log: its parameters, how sure they are, and what cannot be told.
+    """Identify a machine from a log: its parameters, their errors, and what it does not show.
 
     A log has the columns time, phi, theta, foot, mode and voltage, and perhaps current, dphi and
     dtheta, as `rimless log` writes them. One that is too short, too still, in other units, or of

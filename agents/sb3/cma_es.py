@@ -11,28 +11,22 @@ count by `agents.reward_weight.economy`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.conditions import require_usual
 from agents.imitation import walk
 from agents.learner import (
-    NO_CHANGES,
-    SCRATCH,
     Callback,
-    LearnerSettings,
     PolicyParts,
     Training,
-    require_known,
 )
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
-from agents.sb3.learner import Ppo, architecture, put_weights, weights_of
+from agents.sb3.learner import FineTuner, architecture, put_weights, weights_of
 from rimless_gym.checks import extra
 from rimless_gym.hybrid import OK
 from trajopt.feedback.law import Floats
@@ -63,27 +57,15 @@ DURATION, WINDOW = 7.0, 4.0
 SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 
 
-class CmaEs(Ppo):
+class CmaEs(FineTuner):
     """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
 
-    takes_prior = False
+    name, timesteps = "cma_es", TIMESTEPS
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
-        require_usual("cma_es", training.conditions)
         super().__init__(training, start)
         self._search: LastLayer | None = None
         self._scores: list[Floats] = []
-
-    @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
-        """Those of PPO from a policy, with time steps of its own."""
-        if init == SCRATCH:
-            raise ValueError(
-                f"init = {init!r}: cma_es goes on from a policy that walks; begin from "
-                "'imitation', or from a policy's file"
-            )
-        require_known(changes, ["n_timesteps", "policy_kwargs"])
-        return super().settings(init, {"n_timesteps": TIMESTEPS, **changes})
 
     def learn(self, until: int, callback: Callback) -> None:
         """Evolve until there have been `until` steps; a generation that was begun is ended.

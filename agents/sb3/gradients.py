@@ -5,7 +5,7 @@ energy, and the policy that is best under noise is not the best without. Here no
 `rimless_gym.jax` is differentiated through a policy's own walk, touchdowns included, over a short
 horizon (Xu et al., Accelerated policy learning with parallel differentiable simulation, ICLR 2022).
 What comes after the horizon is no fitted critic but the walk itself: for as long again the same
-weights act as constants, so that energy that is taken out of the motion is paid for.
+weights act as constants, so that energy taken out of the motion must be put back.
 
 What is minimised is the energy of the walk less the distance times its cost of transport so far:
 at the minimum, the cost of transport has no gradient. No gradient leads through a fall, and a walk
@@ -23,19 +23,14 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.conditions import require_usual
 from agents.imitation import walk
 from agents.learner import (
-    NO_CHANGES,
-    SCRATCH,
     Callback,
-    LearnerSettings,
     PolicyParts,
     Training,
-    require_known,
 )
 from agents.rollout import draw_starts, learned_policy
-from agents.sb3.learner import Ppo, architecture, put_weights, weights_of
+from agents.sb3.learner import FineTuner, architecture, put_weights, weights_of
 from rimless_gym.checks import extra
 from rimless_gym.kernel.stepping import HybridState
 from rimless_gym.params import WheelParams
@@ -77,26 +72,14 @@ SHOWN_STARTS, SHOWN, START_UP = 256, 6.0, 2.5
 Layers = tuple[tuple[Any, Any], ...]
 
 
-class Gradients(Ppo):
+class Gradients(FineTuner):
     """Follows the gradient of the cost of transport, from a policy as PPO has it."""
 
-    takes_prior = False
+    name, timesteps = "gradients", TIMESTEPS
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
-        require_usual("gradients", training.conditions)
         super().__init__(training, start)
         self._descent: Descent | None = None
-
-    @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
-        """Those of PPO from a policy, with time steps of its own."""
-        if init == SCRATCH:
-            raise ValueError(
-                f"init = {init!r}: gradients goes on from a policy that walks; begin from "
-                "'imitation', or from a policy's file"
-            )
-        require_known(changes, ["n_timesteps", "policy_kwargs"])
-        return super().settings(init, {"n_timesteps": TIMESTEPS, **changes})
 
     def learn(self, until: int, callback: Callback) -> None:
         """Update until there have been `until` steps.
@@ -260,20 +243,20 @@ def _differentiated(params: WheelParams) -> Any:
             light = 1.0 - totals.min_normal_force / (LEAST_FORCE * params.weight)
             slips = totals.friction_demand / params.friction - MOST_FRICTION
             unsafe = jnp.maximum(light, 0.0) + jnp.clip(slips / (1 - MOST_FRICTION), 0.0, 10.0)
-            paid = energy - worth * totals.distance + UNSAFE * unsafe
+            objective = energy - worth * totals.distance + UNSAFE * unsafe
             after, kept = (
                 jax.tree.map(functools.partial(jnp.where, test), *both)
                 for test, both in ((alive, (after, wheels)), (k < HORIZON, (after, kept)))
             )
-            return (after, alive, kept), (paid, energy, totals.distance)
+            return (after, alive, kept), (objective, energy, totals.distance)
 
         wheels = HybridState(*states.T[:4], *states.T[4:].astype(jnp.int32))
         begin, ticks = (wheels, jnp.ones(len(states), bool), wheels), jnp.arange(2 * HORIZON)
         (_, alive, kept), rows = jax.lax.scan(tick, begin, ticks)
-        paid, *measured = (jnp.where(alive, row, 0.0) for row in rows)
+        objective, *measured = (jnp.where(alive, row, 0.0) for row in rows)
         energy, distance = (row[:HORIZON].sum() for row in measured)
         after = jnp.stack([x.astype(states.dtype) for x in kept], axis=1)
-        return paid.sum() / jnp.maximum(alive.sum(), 1), (after, alive, energy, distance)
+        return objective.sum() / jnp.maximum(alive.sum(), 1), (after, alive, energy, distance)
 
     return jax.jit(jax.grad(cost, has_aux=True))
 

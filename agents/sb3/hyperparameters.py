@@ -18,7 +18,7 @@ from torch import nn
 
 from agents.learner import NO_CHANGES, PRIOR, SCRATCH, LearnerSettings, require_known
 from agents.sb3.wrappers import HeldActions, Wrapping
-from rimless_gym.checks import flag, integer, positive, real
+from rimless_gym.checks import as_instance, flag, integer, positive, real
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 
@@ -28,8 +28,12 @@ ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 #: The most environments of a training.
 MOST_ENVS = 65_536
 
+#: What a training changes on its way: the standard deviation of the exploration noise (voltage
+#: limits), and the weight of a prior's potential.
+ANNEALED = ("noise", "potential")
+
 #: What is not the algorithm's.
-ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "noise_held")
+ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", *ANNEALED)
 
 #: Arguments of stable-baselines3's algorithms that are no hyperparameters here. Those after the
 #: first line are objects, need a state that is not saved, or change nothing learned.
@@ -52,6 +56,36 @@ PLAIN: dict[Any, Callable[[str, Any], Any]] = {
 _TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
 
 
+@dataclasses.dataclass(frozen=True)
+class Annealed:
+    """A number that changes geometrically within a training.
+
+    Attributes:
+        first, last: its values, greater than 0.
+        begin, end: between which shares of the training it changes.
+
+    Raises:
+        TypeError: one is no number.
+        ValueError: not 0 < first, last, or not 0 <= begin < end <= 1.
+    """
+
+    first: float
+    last: float
+    begin: float
+    end: float
+
+    def __post_init__(self) -> None:
+        positive("first", self.first)
+        positive("last", self.last)
+        if not 0 <= real("begin", self.begin) < real("end", self.end) <= 1:
+            raise ValueError(f"begin = {self.begin}, end = {self.end}: must rise within 0 and 1")
+
+    def at(self, done: float) -> float:
+        """Its value after a share `done` of the training."""
+        late = min(max((done - self.begin) / (self.end - self.begin), 0.0), 1.0)
+        return float(self.first ** (1.0 - late) * self.last**late)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Hyperparameters(LearnerSettings):
     """One entry of a file.
@@ -60,8 +94,7 @@ class Hyperparameters(LearnerSettings):
         n_envs: environments side by side.
         wrappers: around them, from the inside out.
         episode_steps: control intervals of the longest episode; None: as the environment has them.
-        noise_held: time steps at the beginning of a training from scratch for which the exploration
-            noise stays as it is.
+        annealed: what changes on the way, some of `ANNEALED`.
         algorithm: keyword arguments of the algorithm, `policy` among them.
         entry: as it was written, plain JSON values.
     """
@@ -69,7 +102,7 @@ class Hyperparameters(LearnerSettings):
     n_envs: int
     wrappers: tuple[Wrapping, ...] = ()
     episode_steps: int | None = None
-    noise_held: int = 0
+    annealed: dict[str, Annealed] = dataclasses.field(default_factory=dict)
     algorithm: dict[str, Any]
     entry: dict[str, Any]
 
@@ -123,7 +156,11 @@ def hyperparameters(
         n_envs=n_envs,
         wrappers=tuple((_imported(path, given), given) for path, given in wrappers.items()),
         episode_steps=episode_steps and integer("max_episode_steps", episode_steps, 1),
-        noise_held=integer("noise_held", values.pop("noise_held", 0), 0),
+        annealed={
+            name: as_instance(Annealed, name, values.pop(name), None)
+            for name in ANNEALED
+            if name in values
+        },
         algorithm=values,
         entry=written,
     )

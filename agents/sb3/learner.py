@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 from abc import abstractmethod
 from collections import deque
@@ -21,12 +22,21 @@ from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from agents import learner
-from agents.conditions import Conditions
+from agents.conditions import Conditions, require_usual
 from agents.imitation import CloneReport, Cloning, Teaching, clone
-from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
+from agents.learner import (
+    NO_CHANGES,
+    SCRATCH,
+    Callback,
+    LearnerSettings,
+    PolicyParts,
+    Training,
+    require_known,
+)
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
+    Annealed,
     Hyperparameters,
     hyperparameters,
     policy_kwargs,
@@ -147,8 +157,8 @@ class Sb3Learner(learner.Learner):
         self.model = self._new_model({} if start is None else start.record)
         if start is not None:
             put_weights(self.model, start.weights)
-        if training.prior is not None:
-            begin_to_explore(self.actor(self.model), training)
+        if training.prior is not None and training.init == SCRATCH:
+            command_back_emf(self.actor(self.model), training.conditions.params)
 
     def _new_model(self, described: dict[str, Any]) -> Any:
         """A new model with the networks of the hyperparameters, or those that are described."""
@@ -231,9 +241,9 @@ class Sb3Learner(learner.Learner):
         callbacks: list[BaseCallback] = [figures, Forward(callback)]
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
-        if self.training.init == SCRATCH:
-            callbacks.append(HoldNoise(actor, settings.noise_held))
-        elif self.training.prior is None:
+        if self.training.prior is not None:
+            callbacks.append(Anneal(actor, settings.annealed, wrapped(self._env, Sb3VecEnv).env))
+        elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)
         self.model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
@@ -282,6 +292,34 @@ class Ppo(Sb3Learner):
         return Actor(model, mean_action, weights, [policy.log_std], set_noise)
 
 
+class FineTuner(Ppo):
+    """Goes on from a policy of PPO's that walks, in usual conditions and without a prior.
+
+    Attributes:
+        name: of the learner.
+        timesteps: control intervals of a training, unless others are given.
+    """
+
+    takes_prior = False
+    name: ClassVar[str]
+    timesteps: ClassVar[int]
+
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        require_usual(self.name, training.conditions)
+        super().__init__(training, start)
+
+    @classmethod
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
+        """Those of PPO from a policy, with time steps of its own."""
+        if init == SCRATCH:
+            raise ValueError(
+                f"init = {init!r}: {cls.name} goes on from a policy that walks; begin from "
+                "'imitation', or from a policy's file"
+            )
+        require_known(changes, ["n_timesteps", "policy_kwargs"])
+        return super().settings(init, {"n_timesteps": cls.timesteps, **changes})
+
+
 class Sac(Sb3Learner):
     """Soft actor-critic (Haarnoja et al., 2018)."""
 
@@ -307,17 +345,11 @@ class Sac(Sb3Learner):
         return Actor(model, mean_action, weights, [], set_noise)
 
 
-def begin_to_explore(actor: Actor, training: Training) -> None:
-    """Let an untrained actor of tanh layers command about the back-EMF; give any other new noise.
+def command_back_emf(actor: Actor, params: WheelParams) -> None:
+    """Let an untrained actor of tanh layers command about the back-EMF.
 
-    At the back-EMF no current flows, and the pendulum swings freely; without a voltage the motor
-    brakes it.
+    Then no current flows, and the pendulum swings freely; without a voltage the motor brakes it.
     """
-    if training.init != SCRATCH:
-        if actor.noise:
-            actor.set_noise(actor.model.policy.log_std_init)
-        return
-    params = training.conditions.params
     p = params.constants
     rates = relative_rate(LEG_RATE_SCALE, 0.0, p), relative_rate(0.0, PENDULUM_RATE_SCALE, p)
     gains = torch.tensor([motor_voltage(rate, 0.0, p) / params.voltage_limit for rate in rates])
@@ -389,19 +421,24 @@ class Forward(BaseCallback):
         return True
 
 
-class HoldNoise(BaseCallback):
-    """Keeps the exploration noise as it is for some time steps.
+class Anneal(BaseCallback):
+    """Sets the exploration noise and the weight of the potential `shaping`, before every roll-out.
 
-    Noise costs energy, so learning makes it small long before the wheel leaves rest by itself.
+    Noise costs energy, so learning would make it small long before the wheel leaves rest.
     """
 
-    def __init__(self, actor: Actor, until: int) -> None:
+    def __init__(self, actor: Actor, annealed: Mapping[str, Annealed], shaping: Any) -> None:
         super().__init__()
-        self._actor, self._until = actor, until
+        self._actor, self._annealed, self._shaping = actor, annealed, shaping
 
     def _on_rollout_start(self) -> None:
-        for parameter in self._actor.noise:
-            parameter.requires_grad_(self.num_timesteps >= self._until)
+        done = self.num_timesteps / self.model._total_timesteps
+        values = {name: each.at(done) for name, each in self._annealed.items()}
+        if "noise" in values:
+            self._actor.freeze(False)
+            self._actor.set_noise(math.log(values["noise"]))
+        if "potential" in values:
+            self._shaping.weight = values["potential"]
 
     def _on_step(self) -> bool:
         return True

@@ -43,7 +43,7 @@ def training_env(
         n_envs, task=task, autoreset_mode=AutoresetMode.SAME_STEP, **limit
     )
     if prior is not None:
-        envs = ReferenceStarts(PotentialShaping(envs, prior), prior)
+        envs = PotentialShaping(ReferenceStarts(envs, prior), prior)
     native = Sb3VecEnv(envs)
     native.seed(seed)
     env: VecEnvWrapper = VecMonitor(native)

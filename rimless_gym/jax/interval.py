@@ -265,6 +265,7 @@ def _planned(run: _Interval, u: Any, machine: Machine) -> Any:
     swinging = jnp.abs(y.dtheta) + 0.5 * left * jnp.abs(acc.ddtheta)
     rate = rolling + swinging
     turning = rate / jnp.clip(traced.peak(p), attempt.LEAST_PEAK, 1.0)
+    turning = jnp.maximum(turning, traced.swing_frequency(p))
     damping = machine.pole + traced.drag_pole(rolling, swinging, p)
     fastest = jnp.maximum(damping / MAX_POLE_STEP, turning / MAX_RATE_STEP)
     if not _absent(p.F0):

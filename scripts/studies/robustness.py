@@ -23,6 +23,7 @@ from scripts.studies.documents import markdown
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
+from trajopt.feedback.gait_table import law_about
 from trajopt.gaits.fronts import shipped_front
 from trajopt.identification.fit import PHYSICAL
 from trajopt.pool import run
@@ -33,15 +34,21 @@ MARKS = markdown.marks("robustness", ("machines",))
 #: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
 TICKS = (46, 42)
 
-#: What is measured, and the gait that it holds, None for a policy. There is no table of laws for
-#: the adaptive controller at 0.620 m/s.
+#: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR from
+#: which the adaptive controller starts.
 CANDIDATES: dict[str, int | None] = {
     "lqr 46": 46,
+    "gentle 46": 46,
     "adaptive 46": 46,
     "lqr 42": 42,
+    "adaptive 42": 42,
     "imitation": None,
     "robust": None,
 }
+
+#: How long a walk lasts (s), of which `SHORT_PROTOCOL` measures the last 10: a controller that
+#: adapts has done so until then.
+DURATION = 28.0
 
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
@@ -91,7 +98,7 @@ def robustness(
     workers: MaybeCount = None,
     docs: MaybePath = None,
 ) -> int:
-    """Measure the LQR, the adaptive controller and two policies on changed machines.
+    """Measure two LQRs, the adaptive controller and two policies on changed machines.
 
     All parameters within a few percent, single ones, slopes, payload, battery, delay and noise.
     The cost is compared with each machine's own optimum at the speed at which it walks. It takes
@@ -200,7 +207,8 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    return controller_policy(BUILDABLE, laws.design(law, gait, folder))
+    held = law_about(gait) if law == "gentle" else law
+    return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 
 def walked(task: Walk) -> dict[str, Any]:
@@ -208,7 +216,7 @@ def walked(task: Walk) -> dict[str, Any]:
     result = evaluate(
         policy_of(task.candidate, task.folder),
         task.machine,
-        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts),
+        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=DURATION),
         disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
         progress=False,
     )

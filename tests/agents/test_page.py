@@ -34,7 +34,7 @@ def gaits() -> list[dict[str, Any]]:
 
 
 def test_the_page_is_small_and_the_same_every_time(text: str) -> None:
-    assert len(text.encode()) < 2_000_000
+    assert len(text.encode()) < 1_000_000
     assert text == page()
 
 

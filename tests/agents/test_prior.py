@@ -149,16 +149,19 @@ def test_killed_a_training_with_a_prior_ends_with_the_same_policies(tmp_path, mo
     assert_same_policies(whole, run(tmp_path / "killed", algo, prior=PRIOR))
 
 
-def test_noise_is_held_then_learned_and_large_again_in_a_training_that_continues(tmp_path):
-    def noise(name, held, **changes):
-        changes |= {"prior": PRIOR, "hyperparameters": {"noise_held": held}}
-        last = run(tmp_path / name, **changes).last
-        return last, load_policy(last).parts.weights["log_std"][0]
-
-    usual = learner_class("ppo").settings("prior").algorithm["policy_kwargs"]["log_std_init"]
-    (_, held), (last, learned) = noise("held", 600), noise("learned", 300)
-    assert held == np.float32(usual) != learned
-    assert noise("more", 600, init=str(last), timesteps=0)[1] == np.float32(usual)
+def test_noise_and_the_weight_of_the_potential_change_on_the_way(tmp_path, monkeypatch):
+    weights, step = [], PotentialShaping.step
+    monkeypatch.setattr(
+        PotentialShaping, "step", lambda self, a: weights.append(self.weight) or step(self, a)
+    )
+    annealed = {"first": 0.1, "last": 0.001, "begin": 0.3, "end": 0.7}
+    potential = {"first": 8.0, "last": 2.0, "begin": 0.0, "end": 1.0}
+    given = {"noise": annealed, "potential": potential}
+    last = run(tmp_path, prior=PRIOR, hyperparameters=given).last
+    assert load_policy(last).parts.weights["log_std"][0] == pytest.approx(np.log(0.001))
+    assert weights[0] == 8.0
+    assert 2.0 < weights[-1] < 4.0
+    assert sorted(weights, reverse=True) == weights
 
 
 @pytest.mark.slow

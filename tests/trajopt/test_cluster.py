@@ -1,4 +1,4 @@
-"""Tasks on real local Dask and Ray clusters: the same results as here, whoever is killed."""
+"""Tasks on real local Dask and Ray clusters: the same results, whichever process is killed."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from scripts.studies.fronts.solving import Place, RandomStarts, attempts
 from scripts.studies.learning.command import SeedTask, completed
 from scripts.studies.learning.trials import SeedResult, StudyRow, Trained
 from tests.trajopt.ocp.test_multi_start import AROUND, FAMILY
+from tests.trajopt.test_pool import alive, within
 from trajopt import multi_start, pool
 from trajopt.cluster import connected
 from trajopt.store import DIGEST, HEADER, Store, jsonable
@@ -63,21 +64,6 @@ def free_port() -> int:
         listening.bind(("127.0.0.1", 0))
         port: int = listening.getsockname()[1]
         return port
-
-
-def alive(pid: int) -> bool:
-    """Whether a process runs; one that has ended but is not waited for does not."""
-    stat = Path(f"/proc/{pid}/stat")
-    return stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] != "Z"
-
-
-def within(seconds: float, condition: Callable[[], bool]) -> bool:
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.1)
-    return True
 
 
 @contextmanager

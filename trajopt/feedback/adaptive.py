@@ -6,14 +6,17 @@ what its encoders have logged, and goes on with the law about that machine's own
 law from a table: the gaits of machines of which one parameter differs, and their gains. The time of
 a step stays the same, so that all of them keep to the same clock.
 
+Near the speed of least cost, where the wheel hardly falls from foot to foot, there is no such
+table: a little more of a parameter, and the gait changes its kind. The nominal law falls there, and
+so it walks with a slower gait until it has solved for the identified machine's own.
+
 The fitted model has the structure of the simulator's; what it lacks is in docs/feedback.md.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,216 +24,93 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import require_kind
-from rimless_gym.equations import DOUBLE
+from rimless_gym.energy import ROW
+from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached
+from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
-from trajopt.feedback.controller import ContactGuard, margin_for
-from trajopt.feedback.law import Floats, Law
+from rimless_gym.rules import exceeds
+from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
+from trajopt.feedback.gait_table import (
+    GaitTable,
+    Neighbour,
+    flat,
+    gains_of,
+    law_about,
+    law_of,
+    own_gait,
+)
+from trajopt.feedback.law import Floats
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Clock, Orbit, has_clock, located
+from trajopt.feedback.orbit import has_clock, located, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import Noise, identify, physical
+from trajopt.identification.fit import Noise, identify
 from trajopt.identification.log import Log, LogError
-from trajopt.pool import run
-from trajopt.store import Store, key
-
-#: By how much each parameter differs in the table, up and down: a share, and of the slope (rad).
-SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
-
-#: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
-#: their kind within it.
-BENT = 0.5
 
 #: A machine so many steps away (the root of the sum of squares) has its gait solved for, which
 #: takes so long (s); until then it has the table's law, and then the table's with a correction.
 FAR, PLANNING = 2.5, 4.0
 
-#: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
-#: what is left of a wrong model then costs less.
-GENTLE, BLEND = 1.0, 0.2
+#: After so many fits the wanted gait is solved for, where it is not the table's: each time, about
+#: twice as much is known.
+REPLANNED = (2, 4, 8, 16)
 
-#: When a machine is first identified, and then again and again (s). What earlier fits have told is
-#: known to the next one, which takes it to be less sure: its covariance so many times larger.
+#: How many walks try the law about such a gait in a simulation, and for how long (s).
+TRIALS, TRIAL = 4, 6.0
+
+#: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
+LANDING = 0.75
+
+#: When a machine is first identified, and then again and again (s). What earlier fits have found
+#: is known to the next one, which takes it to be less sure: its covariance so many times larger.
 FIRST, EVERY, FORGETTING = 2.0, 4.0, 1.2
 _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
 
 
-class Neighbour(NamedTuple):
-    """One gait of a table: that of a machine, continued from the nominal one's."""
-
-    gait: Solution
-    params: WheelParams
-
-
 class Plan(NamedTuple):
-    """By how much a law that is solved for differs from the table's, and the tick when it does."""
+    """The law about the gait of an identified machine, and the tick from which on it is used."""
 
     tick: int
-    correction: Floats
-
-
-def law_of(task: Neighbour) -> Floats | None:
-    """The LQR about the gait of a machine, with the nominal gait's time of a step; flat.
-
-    None where there is no such gait, or none that a law holds.
-    """
-    gait, params = task
-    try:
-        if params != gait.params:
-            gait = periodic_gait(
-                *(params, None, gait.steps, gait.regeneration),
-                step_time=gait.duration / gait.steps,
-                hold=CONTROL_PERIOD,
-                guess=gait,
-                progress=False,
-            )
-        return flat(law_about(gait).data)
-    except (ValueError, RuntimeError):
-        return None
-
-
-def law_about(gait: Solution) -> Law:
-    """The LQR about a gait, as the table has it."""
-    law = lqr.design(gait, GENTLE)
-    return dataclasses.replace(law, data=law.data._replace(blend=BLEND))
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class GaitTable:
-    """Gaits and gains as quadratic functions of each parameter by itself.
-
-    Attributes:
-        gait: the nominal one.
-        law: the nominal law.
-        names: of k parameters.
-        rows: `flat` laws (2 k + 1, m): the nominal one, then one with each parameter a step more
-            and one with it a step less.
-    """
-
-    gait: Solution
-    law: Law
-    names: tuple[str, ...]
-    rows: Floats
-
-    @classmethod
-    def about(
-        cls,
-        gait: Solution,
-        names: Sequence[str] | None = None,
-        folder: Path | None = None,
-        workers: int | None = None,
-    ) -> GaitTable:
-        """Solve for the gaits, which takes some 3 s of one core each.
-
-        Args:
-            gait: the nominal one, held for a control period.
-            names: of the parameters that may differ; by default the physical ones and the slope.
-            folder: where finished rows are stored; None: nowhere.
-            workers: processes; by default one for every core.
-
-        Raises:
-            ValueError: a machine that differs has no such gait, or too different a law.
-        """
-        nominal = gait.params
-        names = (*physical(nominal), "slope") if names is None else tuple(names)
-        machines = [nominal] + [
-            dataclasses.replace(nominal, **{name: getattr(nominal, name) + sign * step})
-            for name, step in zip(names, _steps(nominal, names), strict=True)
-            for sign in (1, -1)
-        ]
-        states = np.stack([phase.states[0, 0] for phase in gait.phases])
-        common = {"states": states, "duration": gait.duration, "gentle": GENTLE}
-        keys = [key("law", params=each, **common) for each in machines]
-        store = None if folder is None else Store(folder)
-        rows = {k: store.load(k) for k in keys if store is not None and k in store}
-        todo = [
-            Neighbour(gait, each) for each, k in zip(machines, keys, strict=True) if k not in rows
-        ]
-        for task, row in run(law_of, todo, workers, progress="gaits of changed machines"):
-            name = keys[machines.index(task.params)]
-            rows[name] = row
-            if store is not None:
-                store.save(name, row)
-        return cls(gait, law_about(gait), names, _smooth([rows[k] for k in keys], gait, names))
-
-    @property
-    def params(self) -> WheelParams:
-        """The nominal machine."""
-        return self.law.params
-
-    def steps(self, params: WheelParams) -> Floats:
-        """How many of the table's steps a machine is away in every parameter, (k,)."""
-        changes = [getattr(params, name) - getattr(self.params, name) for name in self.names]
-        return np.array(changes) / _steps(self.params, self.names)
-
-    def at(self, params: WheelParams) -> Floats:
-        """The `flat` law of a machine, (m,)."""
-        d = self.steps(params)[:, None]
-        up, down = self.rows[1::2] - self.rows[0], self.rows[2::2] - self.rows[0]
-        return np.asarray(self.rows[0] + ((up - down) * d + (up + down) * d**2).sum(axis=0) / 2)
-
-
-def _smooth(rows: Sequence[Floats | None], gait: Solution, names: Sequence[str]) -> Floats:
-    """The rows of a table; refuses a gait near which others change their kind."""
-    for name, up, down in zip(names, rows[1::2], rows[2::2], strict=True):
-        if rows[0] is None or up is None or down is None:
-            found = "no gait was found that a law holds"
-        else:
-            bent = np.abs(up + down - 2 * rows[0]).max() / np.abs(up - down).max()
-            found = "" if bent < BENT else f"the law bends by {bent:.2f} of its change"
-        if found:
-            raise ValueError(
-                f"{gait.speed:.4g} m/s: with a little more or less of {name}, {found}, of which at "
-                f"most {BENT} fits a table; choose another speed, such as 0.566 m/s of BUILDABLE"
-            )
-    return np.array(rows)
-
-
-def _steps(params: WheelParams, names: Sequence[str]) -> Floats:
-    """By how much parameters differ in a table."""
-    return np.array([SLOPE_SPREAD if n == "slope" else SPREAD * getattr(params, n) for n in names])
-
-
-def flat(data: lqr.LqrGains) -> Floats:
-    """What differs between the laws of two machines, as one row; see `_unpacked`."""
-    orbit = data.orbit
-    parts = orbit.states, data.gentle, data.firm, orbit.times, data.voltages, data.timing
-    return np.concatenate([*(np.ravel(each) for each in parts), orbit.metric, [data.clock.tick]])
+    params: WheelParams
+    law: Floats
 
 
 @cached()
-def _voltages(x, modes, laws, which, shared):  # type: ignore[no-untyped-def]
-    """Of states (N, 4): the voltage by law `which[i]` of `laws`, and the squared distance, (N, 2).
+def _voltage(x, mode, data):  # type: ignore[no-untyped-def]
+    """The voltage of a law for a state (4,), and the squared distance from its orbit."""
+    return lqr.volts(x, mode, data), located(x, data.orbit).squared
 
-    What all laws have in common is in `shared`.
+
+class Approach(NamedTuple):
+    """How a gait of the nominal machine is reached.
+
+    Attributes:
+        gait: of the nominal machine.
+        startup: leads the nominal machine to it; another machine's uses its costs to go.
+        near: distance from the gait up to which its law acts.
     """
-    out, n = np.empty((len(x), 2)), len(shared.orbit.times)
-    for i in range(len(x)):
-        row = laws[which[i]]
-        times, volts, timing = row[12 * n : 13 * n], row[13 * n : 14 * n], row[14 * n : 15 * n]
-        orbit = Orbit(
-            row[: 4 * n].reshape(n, 4),
-            times,
-            volts,
-            shared.orbit.continued,
-            row[15 * n : 15 * n + 4],
-            shared.orbit.limit,
-        )
-        data = lqr.LqrGains(
-            orbit,
-            volts,
-            row[4 * n : 8 * n].reshape(n, 4),
-            row[8 * n : 12 * n].reshape(n, 4),
-            timing,
-            Clock(row[15 * n + 4], shared.clock.ahead),
-            shared.blend,
-        )
-        out[i, 0] = lqr.volts(x[i], modes[i], data)
-        out[i, 1] = located(x[i], orbit).squared
-    return out
+
+    gait: Solution
+    startup: StartUpController
+    near: float
+
+    @classmethod
+    def to(cls, gait: Solution, folder: Path | None) -> Approach:
+        """The approach to a gait, which takes up to half a minute to compute."""
+        law = law_about(gait)
+        near = near_for(law)
+        return cls(gait, startup_for(law, near, lost_return(gait), folder), near)
+
+
+def sturdy(gait: Solution) -> Solution:
+    """The gait itself or, if it lands more slowly than `LANDING`, one with longer steps."""
+    slower: Solution | None = gait
+    while slower and min(each.states[-1, -1, 2] for each in slower.phases) < LANDING:
+        gait, slower = slower, own_gait(slower, slower.params, 1)
+    return slower or gait
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -238,19 +118,17 @@ class AdaptiveController:
     """What does not change while it walks; `begin` gives what does.
 
     Attributes:
-        table: of laws.
-        startup: leads the nominal machine to its gait; another machine's uses its costs to go.
-        near: distance from a gait up to which its law acts.
-        margin: of the contact guard.
+        table: of laws about the gait that is walked first.
+        first: the approach to it.
+        wanted: the approach to another gait, if it is another one.
         noise: of the encoders that log the walk.
         encoders: standard deviation of the errors that are added to the logged angles (rad), where
             a simulation's are exact.
     """
 
     table: GaitTable
-    startup: StartUpController
-    near: float
-    margin: float
+    first: Approach
+    wanted: Approach | None = None
     noise: Noise = dataclasses.field(default_factory=Noise)
     encoders: float = 1e-3
 
@@ -269,15 +147,62 @@ class AdaptiveController:
                 hold=CONTROL_PERIOD,
                 guess=gait,
             )
-        table = GaitTable.about(gait, folder=folder, workers=workers)
-        near = near_for(table.law)
-        startup = startup_for(table.law, near, lost_return(gait), folder)
-        return cls(table, startup, near, margin_for(gait))
+        first = sturdy(gait)
+        table = GaitTable.about(first, folder=folder, workers=workers)
+        wanted = None if first is gait else Approach.to(gait, folder)
+        return cls(table, Approach.to(first, folder), wanted)
 
     @property
     def params(self) -> WheelParams:
         """The nominal machine."""
         return self.table.params
+
+    @property
+    def margin(self) -> float:
+        """Of the contact guard, which must not act on either gait."""
+        return min(margin_for(each.gait) for each in (self.first, self.wanted) if each)
+
+    def efficient_law(self, params: WheelParams) -> Floats | None:
+        """The law about a machine's own gait, with a step of the wanted time or of a longer one.
+
+        It is that of least cost, among the first gaits to which a simulated walk comes from the
+        gait that is walked first, and on which it stays; flat. None where there is none.
+        """
+        assert self.wanted is not None
+        first, wanted = self.first.gait, self.wanted.gait
+        periods = round((first.duration - wanted.duration) / first.steps / CONTROL_PERIOD)
+        best = None
+        for longer in range(periods):
+            gait = own_gait(wanted, params, longer)
+            if gait is None or not gait.verification.passed:
+                continue
+            if best is not None and gait.cot >= best.cot:
+                break
+            if self._holds(gait):
+                best = gait
+        return None if best is None else flat(law_about(best).data)
+
+    def _holds(self, gait: Solution) -> bool:
+        """Whether walks come to a gait of the wanted kind and stay on it, simulated."""
+        assert self.wanted is not None
+        first, near = self.first.gait, self.wanted.near
+        try:
+            law = law_about(gait)
+        except RuntimeError:
+            return False
+        startup = dataclasses.replace(self.wanted.startup, params=gait.params)
+        switching = SwitchingController(law, startup, near)
+        guarded = ContactGuard(gait.params, switching, self.margin)
+        times = first.duration * (np.arange(TRIALS) + 0.5) / TRIALS
+        states = hybrid_states(first.state(times), SINGLE)
+        ticks = round(TRIAL / CONTROL_PERIOD)
+        for tick in range(ticks):
+            volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
+            out = advance(gait.params, states, volts, CONTROL_PERIOD)
+            slips = exceeds(out[:, ROW.friction_demand].max(), gait.params.friction)
+            if out[:, ROW.failure].any() or (slips and tick > ticks / 2):
+                return False
+        return bool((squared_distances(states[:, :4], law.data.orbit) < near**2).all())
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -295,6 +220,7 @@ class AdaptiveWalks:
     Attributes:
         machines: what each is taken to be.
         identified: how often each has been identified.
+        plans: the gait of each that was solved for and is in use, or None.
         tick: how many decisions were made.
     """
 
@@ -302,9 +228,9 @@ class AdaptiveWalks:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
         self.identified = np.zeros(n, dtype=np.int64)
-        self._laws = np.tile(controller.table.rows[:1], (n, 1))
-        self._correction = np.zeros_like(self._laws)
-        self._planned: list[Plan | None] = [None] * n
+        self._data = [controller.table.law.data] * n
+        self.plans: list[Plan | None] = [None] * n  # in use
+        self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table
         self._covariance = np.full(
             (n, len(controller.table.names), len(controller.table.names)), np.nan
@@ -319,14 +245,14 @@ class AdaptiveWalks:
         """Voltages of some walks: their numbers (M,), states (M, 4), modes and stance feet (M,)."""
         due = self.tick in (_FIRST, 2 * _FIRST) or (self.tick and self.tick % _EVERY == 0)
         for row in rows.tolist():
-            plan = self._planned[row]
+            plan = self._next[row]
+            if plan is not None and plan.tick <= self.tick:
+                self.plans[row], self._next[row] = plan, None
+                self._choose(row)
             if due:
                 self._identify(row)
-            elif plan is not None and plan.tick <= self.tick:
-                self._correction[row], self._planned[row] = plan.correction, None
-                self._laws[row] += plan.correction
         guard = ContactGuard(
-            *(self.controller.params, lambda x, m: self._chosen(rows, x, m)),
+            *(self.controller.params, lambda x, m: self._volts(rows, x, m)),
             self.controller.margin,
         )
         volts = guard(states, modes)
@@ -344,10 +270,11 @@ class AdaptiveWalks:
         return {
             "tick": self.tick,
             "machines": [each.to_dict() for each in self.machines],
-            "laws": self._laws.copy(),
-            "correction": self._correction.copy(),
             "covariance": self._covariance.copy(),
-            "planned": [None if each is None else list(each) for each in self._planned],
+            **{
+                name: [None if p is None else [p.tick, p.params.to_dict(), p.law] for p in plans]
+                for name, plans in (("plans", self.plans), ("next", self._next))
+            },
             "identified": self.identified.copy(),
             "memory": self._memory.copy(),
             "random": [each.bit_generator.state for each in self._rng],
@@ -358,20 +285,40 @@ class AdaptiveWalks:
         self.tick = int(state["tick"])
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
-        self._laws, self._covariance = np.array(state["laws"]), np.array(state["covariance"])
-        self._correction = np.array(state["correction"])
-        self._planned = [None if each is None else Plan(*each) for each in state["planned"]]
+        self._covariance = np.array(state["covariance"])
+        self.plans, self._next = (
+            [p and Plan(p[0], WheelParams(**p[1]), np.array(p[2])) for p in state[name]]
+            for name in ("plans", "next")
+        )
+        for row in range(len(self.machines)):
+            self._choose(row)
         for each, known in zip(self._rng, state["random"], strict=True):
             each.bit_generator.state = known
 
-    def _chosen(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:
+    def _approach(self, row: int) -> Approach:
+        """To the gait that a walk's law is about."""
+        first, wanted = self.controller.first, self.controller.wanted
+        return first if wanted is None or self.plans[row] is None else wanted
+
+    def _choose(self, row: int) -> None:
+        """The law in use: the table's, corrected by a plan, or the plan's."""
+        table, plan = self.controller.table, self.plans[row]
+        law = table.at(self.machines[row])
+        if plan is not None:
+            wanted = self.controller.wanted is not None
+            law = plan.law if wanted else plan.law + law - table.at(plan.params)
+        self._data[row] = gains_of(law, table.law.data)
+
+    def _volts(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:
         """The law's voltage near its gait, and the start-up controller's elsewhere."""
-        out = _voltages(x, modes, self._laws, rows, self.controller.table.law.data)
-        far = (modes == DOUBLE) | (out[:, 1] > self.controller.near**2)
-        for i in np.flatnonzero(far):
-            startup = dataclasses.replace(self.controller.startup, params=self.machines[rows[i]])
-            out[i, 0] = startup(x[i], modes[i])
-        return out[:, 0]
+        volts = np.empty(len(x))
+        for i, row in enumerate(rows.tolist()):
+            approach = self._approach(row)
+            volts[i], squared = _voltage(x[i], modes[i], self._data[row])
+            if modes[i] == DOUBLE or squared > approach.near**2:
+                startup = dataclasses.replace(approach.startup, params=self.machines[row])
+                volts[i] = startup(x[i], modes[i])
+        return volts
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
@@ -392,11 +339,21 @@ class AdaptiveWalks:
             self._covariance[row] = np.nan  # what was known may be wrong; the law stays
             return
         self.machines[row], self._covariance[row] = found.params, found.covariance
-        self._laws[row] = table.at(found.params) + self._correction[row]
+        self._choose(row)
         self.identified[row] += 1
-        far = np.linalg.norm(table.steps(found.params)) > FAR
-        if far and self._planned[row] is None and not self._correction[row].any():
-            law = law_of(Neighbour(table.gait, found.params))
-            if law is not None:
-                ready = self.tick + round(PLANNING / CONTROL_PERIOD)
-                self._planned[row] = Plan(ready, law - table.at(found.params))
+        if self._next[row] is None:
+            self._plan(row)
+
+    def _plan(self, row: int) -> None:
+        """Solve for the gait of a machine that needs its own."""
+        controller, params = self.controller, self.machines[row]
+        table, wanted, count = controller.table, controller.wanted, int(self.identified[row])
+        far = np.linalg.norm(table.steps(params)) > FAR
+        if wanted is not None and count in REPLANNED:
+            law = controller.efficient_law(params)
+        elif wanted is None and far and self.plans[row] is None:
+            law = law_of(Neighbour(table.gait, params))
+        else:
+            return
+        if law is not None:
+            self._next[row] = Plan(self.tick + round(PLANNING / CONTROL_PERIOD), params, law)

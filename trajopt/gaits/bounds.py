@@ -6,6 +6,7 @@ docs/bounds.md has the derivation.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from rimless_gym.equations import equations
 from rimless_gym.params import WheelParams
@@ -15,6 +16,9 @@ _eq = equations(math.sin, math.cos)
 #: The friction x^2 / sqrt(x^2 + w^2) is convex up to its inflection, beyond which it approaches
 #: |x| from below. Its convex envelope leaves it where its slope is 1, at this |x| / w.
 ENVELOPE = math.sqrt((math.sqrt(5) - 1) / 2)
+
+#: The line of slope 1 that goes on from there lies this much, times w, below |x|.
+BELOW = ENVELOPE - ENVELOPE**2 / math.sqrt(ENVELOPE**2 + 1)
 
 
 def cot_bound(
@@ -61,23 +65,20 @@ def least_losses(params: WheelParams, speed: float, turns_per_step: float) -> fl
         turns_per_step: turns that theta gains per step.
     """
     c = params.constants
-    dphi, dtheta, dpsi = mean_rates(params, speed, turns_per_step)
+    dpsi = mean_rates(params, speed, turns_per_step)[2]
     end = ENVELOPE * c.w
-    losses, tangent = (
-        _eq.losses(dphi, rate, 0.0, _eq.motor_voltage(rate, 0.0, c), c)
-        for rate in (dpsi, min(dpsi, end))
-    )
-    friction = tangent.friction + c.F0 * max(dpsi - end, 0.0)
-    windage = _eq.windage(dtheta, c) * dtheta
-    return float(losses.damping + losses.drag + windage + friction)
+    tangent = _losses(params, speed, turns_per_step, min(dpsi, end)).friction
+    friction = tangent + c.F0 * max(dpsi - end, 0.0)
+    return float(_smooth_losses(params, speed, turns_per_step, dpsi) + friction)
 
 
 def motor_deficit(params: WheelParams, speed: float, turns_per_step: float) -> float:
     """Mean power (W) that the motor is short of, at its voltage limit, in a periodic motion.
 
-    The power at the shaft is concave in psi', so its mean is at most that at the mean rate, or at
-    the rate at which it is largest. What it cannot supply of the least losses is a proof that there
-    is no such motion; that nothing is short does not prove that there is one.
+    What the motor can do beyond friction and damping is concave in |psi'|, so its mean is at most
+    that at the mean rate, or at the faster rate at which it is largest. What it cannot supply of
+    the other losses is a proof that there is no such motion; that nothing is short does not prove
+    that there is one.
 
     Args:
         params: the machine.
@@ -90,10 +91,26 @@ def motor_deficit(params: WheelParams, speed: float, turns_per_step: float) -> f
     if params.impact_law != "plastic":
         return -math.inf
     c, volts = params.constants, params.voltage_limit
-    needed = least_losses(params, speed, turns_per_step) - _descent(params, speed)
-    most_powerful = volts / (2 * c.K) if c.K > 0 else 0.0
-    rate = max(mean_rates(params, speed, turns_per_step)[2], most_powerful)
-    return float(needed - _eq.shaft_power(rate, volts, c))
+    braking = c.damping + c.K**2 / c.Rm
+    best = (_eq.motor_torque(0.0, volts, c) - c.F0) / (2 * braking) if braking else 0.0
+    rate = max(mean_rates(params, speed, turns_per_step)[2], best)
+    needed = _smooth_losses(params, speed, turns_per_step, rate) - _descent(params, speed)
+    friction = c.F0 * max(rate - BELOW * c.w, 0.0)
+    return float(needed + friction - _eq.shaft_power(rate, volts, c))
+
+
+def _smooth_losses(params: WheelParams, speed: float, turns_per_step: float, dpsi: float) -> float:
+    """Least mean power (W) of damping, drag and windage, at this size of psi' (rad/s)."""
+    losses = _losses(params, speed, turns_per_step, dpsi)
+    dtheta = mean_rates(params, speed, turns_per_step)[1]
+    return float(losses.damping + losses.drag + _eq.windage(dtheta, params.constants) * dtheta)
+
+
+def _losses(params: WheelParams, speed: float, turns_per_step: float, dpsi: float) -> Any:
+    """The losses of a coasting machine at its mean phi' and this size of psi' (rad/s)."""
+    c = params.constants
+    dphi = mean_rates(params, speed, turns_per_step)[0]
+    return _eq.losses(dphi, dpsi, 0.0, _eq.motor_voltage(dpsi, 0.0, c), c)
 
 
 def mean_rates(
@@ -119,4 +136,4 @@ def _least_supply(params: WheelParams, needed: float) -> float:
 
 def _descent(params: WheelParams, speed: float) -> float:
     """Mean power (W) of gravity down the slope."""
-    return float(_eq.descent(params.constants)) * speed / params.step_length
+    return float(_eq.descent(0.0, params.constants)) * speed / params.step_length

@@ -5,7 +5,8 @@ unknown state at the piece's start, under the logged voltage, and compared with 
 derivatives by that state and by the parameters are CasADi's, of the model that everything else
 uses (`rimless_gym.symbolic`). The states are eliminated piece by piece (Bock, Recent Advances in
 Parameter Identification Techniques for ODE, 1983), first of short pieces, which converge from
-afar, then of whole stances, which tell more. A wheel that falls has told something until then.
+afar, then of whole stances, which hold more information. The log of a wheel that falls counts
+until then.
 """
 
 from __future__ import annotations
@@ -56,8 +57,9 @@ FREE_START = np.array([10.0, 10.0, 100.0, 100.0])
 #: A fit with a larger chi2 per degree of freedom is of another machine, or went wrong.
 MOST_CHI2 = 3.0
 
-#: A direction in which the log tells less than so many tolerances' worth is one it cannot tell.
-TOLD = 1.0
+#: A direction of which the log holds less information than this, per squared tolerance, is not
+#: identifiable.
+LEAST_INFORMATION = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +83,7 @@ class Noise:
 
 @dataclasses.dataclass(frozen=True)
 class Identification:
-    """What a log tells of a machine.
+    """A machine as a log shows it.
 
     Attributes:
         params: the identified machine.
@@ -89,8 +91,8 @@ class Identification:
         free: names of the identified parameters, k of them.
         tolerance: their standard deviations before, shape (k,).
         covariance: of the estimates, shape (k, k).
-        untold: directions that the log cannot tell, each by its share of every parameter, in
-            tolerances; what was known before stands in them.
+        unidentifiable: directions of which the log has no information, each by its share of every
+            parameter, in tolerances; what was known before stands in them.
         residuals: root mean square by channel, in standard deviations of its noise.
         chi2: sum of squared residuals per degree of freedom; about 1 for the right machine.
         samples: how many were compared.
@@ -101,7 +103,7 @@ class Identification:
     free: tuple[str, ...]
     tolerance: Floats
     covariance: Floats
-    untold: tuple[Mapping[str, float], ...]
+    unidentifiable: tuple[Mapping[str, float], ...]
     residuals: Mapping[str, float]
     chi2: float
     samples: int
@@ -122,9 +124,9 @@ class Identification:
             lines.append(f"{name:20}{before:12.5g}{value:12.5g}{sd:10.2g}{change}")
         lines.append(f"chi2 per degree of freedom {self.chi2:.3g}, {self.samples} samples")
         lines += [f"residual of {c}: {r:.2f} sd" for c, r in self.residuals.items()]
-        for each in self.untold:
+        for each in self.unidentifiable:
             parts = [f"{share:+.2f} {name}" for name, share in each.items()]
-            lines.append(f"cannot be told from this log: {', '.join(parts)}")
+            lines.append(f"not identifiable from this log: {', '.join(parts)}")
         return "\n".join(lines)
 
 
@@ -139,7 +141,7 @@ def identify(
 ) -> Identification:
     """The parameters that explain a log best, near those known before.
 
-    What an earlier log has told is known too, if its `covariance` is given, and its machine as
+    What an earlier log showed is known too, if its `covariance` is given, and its machine as
     `params`.
 
     Args:
@@ -181,15 +183,15 @@ def identify(
             "motion than the model's, its noise is larger, or more parameters must be free"
         )
     machine = Design.of(*free).machine(params, fit.value(q))
-    shares, directions = np.linalg.eigh(system.told)
-    untold = tuple(
+    shares, directions = np.linalg.eigh(system.information)
+    unidentifiable = tuple(
         {free[i]: float(v[i]) for i in np.argsort(-np.abs(v)) if abs(v[i]) > 0.1}
         for share, v in zip(shares, directions.T, strict=True)
-        if share < TOLD
+        if share < LEAST_INFORMATION
     )
-    after = np.linalg.inv(system.told + prior) * np.outer(scale, scale)
+    after = np.linalg.inv(system.information + prior) * np.outer(scale, scale)
     return Identification(
-        *(machine, params, free, scale, after, untold, residuals, chi2, system.compared)
+        *(machine, params, free, scale, after, unidentifiable, residuals, chi2, system.compared)
     )
 
 
@@ -246,7 +248,7 @@ class _System(NamedTuple):
     """The Gauss-Newton system of the parameters, in tolerances.
 
     Attributes:
-        told: what the log tells, without what was known before, shape (k, k).
+        information: of the log alone, without what was known before, shape (k, k).
         gradient: of half the squares, shape (k,).
         squares: of all residuals.
         rms: of the residuals by channel.
@@ -255,7 +257,7 @@ class _System(NamedTuple):
             parameters (P, 4, k).
     """
 
-    told: Floats
+    information: Floats
     gradient: Floats
     squares: float
     rms: Floats
@@ -308,7 +310,9 @@ class _Fit:
         """Gauss and Newton's method with halved steps."""
         system = self.system(pieces, q)
         for _ in range(STEPS):
-            step = np.linalg.solve(system.told + self.prior, -system.gradient - self.prior @ q)
+            step = np.linalg.solve(
+                system.information + self.prior, -system.gradient - self.prior @ q
+            )
             share, cost = 1.0, system.squares + q @ self.prior @ q
             own, per = system.back
             for _ in range(HALVINGS):
@@ -339,14 +343,16 @@ class _Fit:
         H[:, :4, :4] += np.diag(FREE_START**-2)
         inverse = np.linalg.inv(H[:, :4, :4])
         own, per = -np.einsum("nij,nj->ni", inverse, g[:, :4]), -inverse @ H[:, :4, 4:]
-        told = (H[:, 4:, 4:] + H[:, 4:, :4] @ per).sum(axis=0)
+        information = (H[:, 4:, 4:] + H[:, 4:, :4] @ per).sum(axis=0)
         gradient = (g[:, 4:] + np.einsum("nij,nj->ni", H[:, 4:, :4], own)).sum(axis=0)
         squares = float((r**2).sum())
         squares = squares if math.isfinite(squares) else math.inf
         number = int(pieces.inside.sum())
         rms = np.sqrt((r**2).sum(axis=(0, 1)) / number)
         compared = number * len(self.channels)
-        return _System(0.5 * (told + told.T), gradient, squares, rms, compared, (own, per))
+        return _System(
+            0.5 * (information + information.T), gradient, squares, rms, compared, (own, per)
+        )
 
     def residuals(self, pieces: _Pieces, p: Floats) -> tuple[Floats, Floats]:
         """Residuals (P, length, channels) in standard deviations, and derivatives (.., 4 + k)."""

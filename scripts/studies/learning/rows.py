@@ -41,9 +41,9 @@ DISTILLED = StudyRow(
     LEARNED,
     Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLVED, BEST)),
 )
-FIRST = StudyRow(
-    "ppo_prior_first",
-    "PPO with the law as prior, first run",
+WITH_PRIOR = StudyRow(
+    "ppo_prior",
+    "PPO with the law as prior",
     LEARNED,
     Trained("ppo", files={"": LAST}, prior=LAW),
 )
@@ -63,12 +63,12 @@ ROWS = (
         Trained("gradients", IMITATION, None, {"": LAST}, start=Other(IMITATED, CLONE)),
     ),
     StudyRow("ppo", "PPO from scratch", LEARNED, Trained("ppo", files=KEPT)),
-    FIRST,
+    WITH_PRIOR,
     StudyRow(
-        "ppo_prior",
-        "PPO with the law as prior",
+        "ppo_prior_cma_es",
+        "PPO with the law as prior, then CMA-ES",
         LEARNED,
-        Trained("ppo", files=KEPT, prior=LAW, start=Other(FIRST, LAST)),
+        Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(WITH_PRIOR, LAST)),
     ),
     EVOLVED,
     DISTILLED,

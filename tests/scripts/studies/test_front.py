@@ -331,7 +331,7 @@ def test_long_strides_are_shipped_only_where_no_shorter_one_costs_less() -> None
 @pytest.mark.slow
 def test_a_stride_that_rests_longer_costs_the_idle_power_of_the_rest() -> None:
     slow = next(e for e in index() if (e.params, e.steps, e.speed) == (BUILDABLE, 3, 0.1)).load()
-    slower = rests.rested(slow, 0.09)
+    slower = rests.continued_to(slow, 0.09)
     assert isinstance(slower, Solution)
     assert slower.verification.passed
     assert slower.verification.spans > slower.steps
@@ -352,6 +352,19 @@ def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
     for count in (2, 1):
         command.ship(tmp_path / "gaits.zip", "TRIAL", gaits[:count])
         assert len(command.gait_files(tmp_path / "gaits.zip")) == count
+
+
+def test_a_stride_is_continued_where_it_should_cost_less_and_no_work_is_done_twice() -> None:
+    gait = min(shipped_front(BUILDABLE).envelope, key=lambda gait: abs(gait.speed - 0.2))
+    assert rests.distance_to_rest(gait.phases)[0] < rests.NEAR_REST
+    tasks = dict(rests.offers([gait], gait.steps, [0.15, 0.2, 0.3, 0.4], set()))
+    assert sorted(speed for _, speed in tasks.values()) == [0.15, 0.3]
+    assert not dict(rests.offers([gait], gait.steps, [0.15, 0.2, 0.3], set(tasks)))
+    rested = dict(rests.offers(shipped(BUILDABLE), gait.steps, [0.15, 0.2], set()))
+    assert not rested  # the stride there rests longer already
+    shorter = rests.resting_shorter(gait.phases, 1.0)
+    duration = sum(phase.duration for phase in shorter)
+    assert duration == pytest.approx(gait.duration - 1.0, abs=2 * rests.REST_ELEMENT)
 
 
 def test_no_gait_of_a_front_lies_below_its_convex_hull_with_rest() -> None:

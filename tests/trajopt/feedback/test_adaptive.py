@@ -13,7 +13,8 @@ from agents.rollout import AdaptivePolicy, Rollout
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import hybrid_states
 from trajopt.feedback import adaptive
-from trajopt.feedback.adaptive import AdaptiveController, GaitTable, flat
+from trajopt.feedback.adaptive import AdaptiveController, Approach
+from trajopt.feedback.gait_table import GaitTable, flat, gains_of
 from trajopt.store import Store
 
 
@@ -35,7 +36,7 @@ def controller(held, law):
     n = len(law.data.voltages)
     shift[13 * n : 14 * n] = 0.5
     table = GaitTable(held, law, ("pendulum_length",), np.array([row, row + shift, row - shift]))
-    return AdaptiveController(table, Startup(held.params), near=0.5, margin=0.1)
+    return AdaptiveController(table, Approach(held, Startup(held.params), near=0.5))
 
 
 def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controller, law) -> None:
@@ -47,15 +48,21 @@ def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controll
         wanted = table.rows[0] + share / 0.02 * (table.rows[1] - table.rows[0])
         np.testing.assert_allclose(between, wanted, atol=1e-12)
     x = law.data.orbit.states[5:40:7] + 0.01
-    volts = adaptive._voltages(
-        x, np.full(5, SINGLE), table.rows, np.array([0, 1, 0, 2, 0]), law.data
-    )
-    np.testing.assert_allclose(volts[:, 0], law(x) + [0, 0.5, 0, -0.5, 0], atol=1e-12)
+    for row, shift in zip(table.rows, (0.0, 0.5, -0.5), strict=True):
+        data = gains_of(row, law.data)
+        volts = [adaptive._voltage(each, SINGLE, data)[0] for each in x]
+        np.testing.assert_allclose(volts, law(x) + shift, atol=1e-12)
 
 
 def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit(
-    controller, held, tmp_path
+    controller, held, tmp_path, monkeypatch
 ) -> None:
+    """Then it holds the wanted gait, by the law about that of the identified machine."""
+    planned = controller.table.rows[1]
+    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: planned)
+    monkeypatch.setattr(adaptive, "REPLANNED", (1,))
+    monkeypatch.setattr(adaptive, "PLANNING", 0.1)
+    controller = dataclasses.replace(controller, wanted=controller.first._replace())
     length = 1.01 * held.params.pendulum_length
     changed = dataclasses.replace(held.params, pendulum_length=length)
     start = hybrid_states(held.state([0.1, 0.3]), SINGLE)
@@ -71,6 +78,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     assert (kept.identified == 1).all()
     found = [machine.pendulum_length for machine in kept.machines]
     np.testing.assert_allclose(found, length, rtol=3e-3)
+    assert [plan.tick for plan in kept.plans] == [210, 210]
 
     first = controller.begin(2)
     for each in states[:150]:

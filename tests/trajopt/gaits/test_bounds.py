@@ -57,8 +57,14 @@ def test_no_distribution_of_rates_and_voltages_gives_more_power_than_the_motor_c
         speed = 0.5
         turns = (dpsi.mean() * c.chord / speed - c.alpha) / (2 * math.pi)
         given = np.mean(eq.shaft_power(dpsi, volts, c))
-        most = least_losses(LOSSY, speed, turns) - motor_deficit(LOSSY, speed, turns)
-        assert given <= most * (1 + 1e-12)
+        resting = least_losses(LOSSY, speed, -c.alpha / (2 * math.pi))  # psi' = 0
+        braking = np.mean(eq.viscous_friction(dpsi, c) * dpsi + c.F0 * eq.slide(dpsi, c) * dpsi)
+        assert given - braking <= resting - motor_deficit(LOSSY, speed, turns) + 1e-9
+
+
+def test_a_motor_that_cannot_overcome_friction_is_refused() -> None:
+    stalled = BUILDABLE.replace(hub_friction=5.0)
+    assert all(motor_deficit(stalled, 0.5, turns) > 0 for turns in (-1, 0))
 
 
 def test_no_distribution_of_rates_loses_less_than_the_bound() -> None:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.rollout import draw_starts
-from agents.walk_log import recorded
+from agents.rollout import draw_starts, logged
 from rimless_gym import BUILDABLE
 from trajopt import Log, LogError, Noise, identify
 from trajopt.identification.fit import PHYSICAL
@@ -22,7 +21,7 @@ def driven(machine=MACHINE, seconds=2.0, seed=0, volts=6.0):
     """A log of a wheel that swings its pendulum to and fro, and rocks from leg to leg."""
     tick = iter(range(1000))
     start = draw_starts(BUILDABLE, 4, 3)[3]
-    return recorded(
+    return logged(
         lambda x, seen: np.array([volts / 12.0 * np.sin(0.13 * next(tick))]),
         *(machine, start, seconds, Noise(), seed),
     )
@@ -42,18 +41,20 @@ def test_the_machine_is_found_within_the_errors_that_are_reported(log: Log) -> N
     assert {"phi", "theta", "current", "dphi", "dtheta"} == set(found.residuals)
 
 
-def test_without_a_current_the_scale_of_masses_cannot_be_told(log: Log) -> None:
+def test_without_a_current_the_scale_of_masses_is_not_identifiable(log: Log) -> None:
     """Masses, friction and 1 / resistance may all be larger by the same share."""
     bare = dataclasses.replace(log, current=None, dphi=None, dtheta=None)
     found = identify(bare, BUILDABLE)
     scale = {name: 1.0 for name in PHYSICAL if "mass" in name or "inertia" in name}
     scale |= {"hub_friction": 1.0, "armature_resistance": -1.0}
     scale = {name: share / np.sqrt(len(scale)) for name, share in scale.items()}
-    parts = [sum(each.get(n, 0.0) * share for n, share in scale.items()) for each in found.untold]
+    parts = [
+        sum(each.get(n, 0.0) * share for n, share in scale.items()) for each in found.unidentifiable
+    ]
     assert np.linalg.norm(parts) > 0.98
     with_current = [
         sum(each.get(n, 0.0) * share for n, share in scale.items())
-        for each in identify(log, BUILDABLE).untold
+        for each in identify(log, BUILDABLE).unidentifiable
     ]
     assert np.linalg.norm(with_current) < 0.8
 

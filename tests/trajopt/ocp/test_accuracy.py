@@ -237,7 +237,7 @@ SCHEMES = [("trapezoid", 8e-3), ("hermite-simpson", 2e-5), ("radau", 1e-9)]
 
 
 def regulator(**more: Any) -> Problem:
-    """x' = u at least integral of x^2 + u^2: the price of x is 2 x tanh(time left)."""
+    """x' = u at least integral of x^2 + u^2: the costate is 2 x tanh(time left)."""
     phase = Phase(
         "regulate",
         states=("x",),
@@ -276,23 +276,23 @@ def test_the_costate_at_the_start_is_the_derivative_of_the_least_cost() -> None:
     assert base.certificate.costates[0][0, 1] == pytest.approx(slope, rel=1e-4)
 
 
-def test_a_fixed_durations_price_is_the_hamiltonian() -> None:
+def test_the_multiplier_of_a_fixed_duration_is_the_hamiltonian() -> None:
     """The regulator's least cost over T is tanh T."""
     found = on("radau", regulator())
-    price = 1 - math.tanh(2.0) ** 2
-    assert found.certificate.duration_multipliers == pytest.approx([price], rel=1e-8)
-    assert found.certificate.hamiltonian[0] == pytest.approx(price, abs=1e-8)
+    hamiltonian = 1 - math.tanh(2.0) ** 2
+    assert found.certificate.duration_multipliers == pytest.approx([hamiltonian], rel=1e-8)
+    assert found.certificate.hamiltonian[0] == pytest.approx(hamiltonian, abs=1e-8)
     assert found.certificate.transversality_error < 1e-9
 
 
 @pytest.mark.parametrize("name", ["brachistochrone", "fastest move"])
-def test_a_free_duration_has_no_price(name: str) -> None:
+def test_a_free_duration_has_no_multiplier(name: str) -> None:
     found = solved(name)
     assert found.certificate.duration_multipliers == pytest.approx([0.0], abs=1e-6)
     assert found.certificate.transversality_error < 1e-5
 
 
-def test_a_cost_of_the_durations_counts_in_their_price() -> None:
+def test_a_cost_of_the_durations_counts_in_their_multiplier() -> None:
     running = solved("brachistochrone")
     free = Phase(**{**vars(running.problem.phases[0]), "cost": None})
     ending = solve_once(Problem((free,), endpoint_cost=lambda s, e, d, p: d[0]))
