@@ -135,7 +135,7 @@ def _collision(
 ) -> float:
     """Energy lost in a forward touchdown (J)."""
     p = params.constants
-    left = _eq.mechanical_energy(*after, p) - _eq.descent(p)
+    left = _eq.mechanical_energy(*after, p) - _eq.descent(0.0, p)
     return float(_eq.mechanical_energy(*before, p) - left)
 
 

@@ -17,7 +17,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, preset
 
 if TYPE_CHECKING:  # what `__getattr__` finds
-    from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
+    from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise, Terrain
     from rimless_gym.envs.env import RimlessWheelEnv
     from rimless_gym.envs.speed import RimlessWheelSpeedEnv, RimlessWheelSpeedVectorEnv
     from rimless_gym.envs.starts import Starts
@@ -45,6 +45,7 @@ __all__ = [
     "SensorNoise",
     "Starts",
     "Task",
+    "Terrain",
     "Trajectory",
     "WheelParams",
     "__version__",
@@ -66,6 +67,7 @@ _MODULES = {
     "SensorNoise": "envs.disturbances",
     "Starts": "envs.starts",
     "Task": "envs.task",
+    "Terrain": "envs.disturbances",
     "Trajectory": "trajectory",
     "simulate": "reference",
 }

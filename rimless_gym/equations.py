@@ -471,9 +471,15 @@ def equations(
         return abs(fx) / fy if fy > 0.0 else math.inf
 
     @compiled
-    def descent(p):
-        """Potential energy that every step down the slope takes off the foot's height (J)."""
-        return (p.m1 + p.m2) * p.gx * p.chord
+    def foot_travel(turn, p):
+        """Travel of the foot along the slope (m) in a step over ground steeper by `turn` (rad)."""
+        return p.chord * cos(turn)
+
+    @compiled
+    def descent(turn, p):
+        """Potential energy that such a step takes off the foot's height (J)."""
+        weight = (p.m1 + p.m2) * p.gx * cos(turn) + (p.m1 + p.m2) * p.gy * sin(turn)
+        return weight * p.chord
 
     @compiled
     def linear_momentum(phi, theta, dphi, dtheta, p):

@@ -86,6 +86,7 @@ shaft_power = eq.shaft_power
 crosses_kink = eq.crosses_kink
 friction_demand = eq.friction_demand
 descent = eq.descent
+foot_travel = eq.foot_travel
 least_regularity = eq.least_regularity
 losses = eq.losses
 single_stance = eq.single_stance

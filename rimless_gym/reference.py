@@ -39,6 +39,11 @@ Integrals = record("Integrals", ("electrical", "shaft", *LOSSES), __name__)
 INTEGRALS = places(Integrals)
 
 Control = Callable[[float, NDArray[np.float64]], float]
+Turns = Callable[[int], float]
+
+
+def _even(k: int) -> float:
+    return 0.0
 
 
 @dataclasses.dataclass
@@ -48,6 +53,10 @@ class _Motion:
     y: NDArray[np.float64]  # state (4) and integrals
     mode: int
     foot: int
+    machine: Constants  # on even ground
+    turn: Turns
+    travel: float = 0.0  # of the stance foot (m)
+    descent: float = 0.0  # and what potential energy that took (J)
     arcs: list[Arc] = dataclasses.field(default_factory=list)
     events: list[Event] = dataclasses.field(default_factory=list)
     samples: list[tuple[Any, ...]] = dataclasses.field(default_factory=list)
@@ -60,6 +69,22 @@ class _Motion:
         """The `Integrals` so far."""
         return Integrals(*self.y[4:].tolist())
 
+    def ground(self, behind: int, ahead: int) -> NDArray[np.float64]:
+        """The machine's constants with the guards of these pieces of ground."""
+        a, b = self.machine.a + self.turn(behind), self.machine.b + self.turn(ahead)
+        return np.array(self.machine._replace(a=a, b=b), dtype=np.float64)
+
+    def constants(self) -> NDArray[np.float64]:
+        """The machine's constants on the ground where it stands."""
+        return self.ground(self.foot - 1, self.foot - 1 if self.mode == DOUBLE else self.foot)
+
+    def stand(self, mode: int, shift: int) -> None:
+        """Stand in a mode, on a foot that is `shift` legs forward."""
+        turn = self.turn(self.foot + min(shift, 0))
+        self.travel += shift * hybrid.foot_travel(turn, self.machine)
+        self.descent += shift * hybrid.descent(turn, self.machine)
+        self.mode, self.foot = mode, self.foot + shift
+
 
 def simulate(
     params: Machine,
@@ -70,6 +95,7 @@ def simulate(
     mode: str = "single_stance",
     breakpoints: Sequence[float] = (),
     pull: float = math.inf,
+    ground: Turns = _even,
     rtol: float = 3e-14,
     atol: float = 1e-14,
 ) -> Trajectory:
@@ -87,6 +113,8 @@ def simulate(
         pull: largest force (N) with which the ground holds the foot down before contact is lost:
             infinity is the pin joint of the thesis (the smallest normal force is reported), 0 ends
             the simulation at loss of contact.
+        ground: by how much (rad) the ground from the k-th foothold to the next is steeper than the
+            slope; it is not on both sides of foothold 0, where the wheel starts.
         rtol: relative tolerance of the integrator.
         atol: absolute tolerance of the integrator.
 
@@ -101,9 +129,12 @@ def simulate(
     for name, tolerance in (("rtol", rtol), ("atol", atol)):
         if not (math.isfinite(tolerance) and tolerance > 0):
             raise ValueError(f"{name} = {tolerance}: must be finite and greater than 0")
+    if ground(-1) != 0 or ground(0) != 0:
+        raise ValueError(f"ground(-1) = {ground(-1)}, ground(0) = {ground(0)}: must be 0 (rad)")
     start, mode_index = validated_start(params, x0, mode)
     law, knots = _control_law(control, duration, breakpoints)
-    motion = _Motion(np.concatenate([start, np.zeros(len(Integrals._fields))]), mode_index, 0)
+    y = np.concatenate([start, np.zeros(len(Integrals._fields))])
+    motion = _Motion(y, mode_index, 0, params.constants, ground)
     failure = None
     for t0, t1 in itertools.pairwise(knots):
         failure = _advance(params, motion, law, t0, t1, pull, rtol, atol)
@@ -153,7 +184,7 @@ def _advance(
     atol: float,
 ) -> str | None:
     """Advance over an interval of smooth control; returns the name of a failure, or None."""
-    constants, t, first_event = params.constants_array, t0, len(motion.events)
+    constants, t, first_event = motion.constants(), t0, len(motion.events)
     last = np.nextafter(t1, t0)  # the control may jump at t1: this interval ends just before
 
     def voltage(time: float, y: NDArray[np.float64]) -> float:
@@ -175,7 +206,8 @@ def _advance(
         if guards(t, motion.y)[CONTACT] > 0:
             return _lose_contact(motion, t, voltage)
         if motion.mode == DOUBLE and guards(t, motion.y)[LIFT_OFF] > 0:
-            _lift_off(params, motion, t, voltage(t, motion.y))
+            _lift_off(motion, t, voltage(t, motion.y))
+            constants = motion.constants()
         if len(motion.events) - first_event > hybrid.MAX_EVENTS * math.ceil(
             (t1 - t0) / CONTROL_PERIOD
         ):
@@ -203,14 +235,16 @@ def _advance(
         t = t1 if event is None else event[1]
         if event is not None:
             if event[0] in (FORWARD, BACKWARD):  # the control may depend on the contact
-                motion.y[0] = params.constants.b if event[0] == FORWARD else params.constants.a
+                on = Constants(*constants)
+                motion.y[0] = on.b if event[0] == FORWARD else on.a
             u = voltage(t, motion.y)
             if event[0] == CONTACT:
                 return _lose_contact(motion, t, voltage)
             if event[0] == LIFT_OFF:
-                _lift_off(params, motion, t, u)
-            elif not _touch_down(params, motion, t, 1 if event[0] == FORWARD else -1, u):
+                _lift_off(motion, t, u)
+            elif not _touch_down(motion, t, 1 if event[0] == FORWARD else -1, u):
                 return hybrid.Failure.BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW.name.lower()
+            constants = motion.constants()
     return None
 
 
@@ -244,28 +278,30 @@ def _lose_contact(motion: _Motion, t: float, voltage: Any) -> str:
     return hybrid.Failure.CONTACT_LOST.name.lower()
 
 
-def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
+def _lift_off(motion: _Motion, t: float, u: float) -> None:
     before = motion.y[:4].copy()
-    phi, shift = after_lift_off(before[1], before[3], u, params.constants_array)
+    phi, shift = after_lift_off(before[1], before[3], u, motion.constants())
     motion.y[0], motion.y[2] = phi, 0.0
-    motion.mode, motion.foot = SINGLE, motion.foot + shift
+    motion.stand(SINGLE, shift)
     direction = 1 if shift == 0 else -1
     motion.events.append(
         Event("lift_off", t, direction, before, motion.y[:4].copy(), "single_stance")
     )
 
 
-def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, u: float) -> bool:
-    p, constants = params.constants, params.constants_array
+def _touch_down(motion: _Motion, t: float, direction: int, u: float) -> bool:
+    between = motion.foot if direction > 0 else motion.foot - 1
+    constants, descent = motion.ground(between, between), motion.descent
     before = motion.y[:4].copy()
     _sample(motion, t, motion.y, u)
     landing = after_touchdown(direction, *before[1:], u, constants)
     if not landing.legal:
         return False
     after = np.array([landing.phi, before[1], landing.dphi, landing.dtheta])
-    motion.y[:4], motion.mode, motion.foot = after, landing.mode, motion.foot + landing.shift
+    motion.y[:4] = after
+    motion.stand(landing.mode, landing.shift)
     old, new = (measured(SINGLE, *x, u, constants) for x in (before, after))
-    lost = old.energy - new.energy + hybrid.descent(p) * landing.shift
+    lost = old.energy - new.energy + (motion.descent - descent)
     motion.collision += lost
     impulse = np.subtract(new.momentum, old.momentum)
     motion.events.append(
@@ -284,18 +320,15 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
     sampled = [
         measured(int(m), *s, v, params.constants_array) for s, m, v in zip(x, mode, u, strict=True)
     ]
-    descent = hybrid.descent(params.constants)
-    energies = [sampled[i].energy - foot[i] * descent for i in (0, -1)]
-    hubs = [sampled[i].hub + foot[i] * params.step_length for i in (0, -1)]
     ledger = Ledger(
         time=float(t[-1]),
-        distance=float(hubs[1] - hubs[0]),
+        distance=float(sampled[-1].hub - sampled[0].hub + motion.travel),
         electrical=motion.integrals.electrical,
         electrical_positive=motion.electrical_positive,
         losses=Losses(*(getattr(motion.integrals, name) for name in LOSSES)),
         collision=float(motion.collision),
         shaft=motion.shaft,
-        mechanical_change=float(energies[1] - energies[0]),
+        mechanical_change=float(sampled[-1].energy - sampled[0].energy - motion.descent),
         idle=params.idle_power * float(t[-1]),
     )
     impulses = [event.impulse for event in motion.events if event.kind == "touchdown"]

@@ -195,7 +195,7 @@ function work(from, to, u, p) {
   return { electrical: ends[ends.length - 1], positive };
 }
 
-const height = (y, foot, p) => mechanical_energy(y[0], y[1], y[2], y[3], p) - foot * descent(p);
+const height = (y, foot, p) => mechanical_energy(y[0], y[1], y[2], y[3], p) - foot * descent(0, p);
 const position = (y, foot, p) => hub_position(y[0], p)[0] + foot * p.chord;
 
 // -- a control interval ----------------------------------------------------------------------

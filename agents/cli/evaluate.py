@@ -96,7 +96,7 @@ def evaluate(
         preset: machine that the policies must be for; by default the one each was trained on
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
         ranges: parameters to draw for every episode: pendulum_mass=[2.0,2.4]
-        disturbances: pushes.rate=0.5 pushes.impulse=[0.1,0.5] actuator_delay=1
+        disturbances: pushes.rate=0.5 pushes.impulse=[0.1,0.5] terrain.slope_std=0.01
             sensor_noise.leg_rate=0.1
     """
     from agents.conditions import Conditions

@@ -49,6 +49,7 @@ from rimless_gym.envs.starts import (
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import N_CONSTANTS, WheelParams
+from rimless_gym.streams import Ground
 
 if TYPE_CHECKING:
     from rimless_gym.rendering.canvas import Frame
@@ -295,7 +296,7 @@ class Batch:
 
     def frame(self, i: int) -> Frame:
         """The picture of row i."""
-        from rimless_gym.rendering.wheel import Scene, draw  # pygame only when it is needed
+        from rimless_gym.rendering.wheel import Scene, draw, on_ground  # pygame only when needed
 
         self.require_begun()
         params, memory = self.params_of(i), self.memory[:, i]
@@ -307,6 +308,9 @@ class Batch:
             voltage=memory[MEMORY.voltage],
             time=memory[MEMORY.time],
         )
+        ground = Ground(memory[MEMORY.ground_seed], memory[MEMORY.slope_std])
+        if ground.slope_std > 0.0:
+            scene = on_ground(scene, params, ground, int(memory[MEMORY.foot]))
         return draw(params, scene)
 
     def get_state(self) -> dict[str, Any]:

@@ -1,10 +1,10 @@
-"""Disturbances for training robust policies: pushes, sensor noise, delay, and varied machines.
+"""Disturbances of a walk: pushes, rough ground, sensor noise, delay, and varied machines.
 
 Each is drawn from the row's own random stream. A disturbance that is not used costs no time.
 
 An episode takes a single 64-bit key from its row's NumPy generator. Everything random in it
-(machine, start, pushes, sensor noise, delay) comes from the splitmix64 stream that begins at that
-key. So a row draws the same numbers whether it is stepped alone or among others.
+(machine, start, ground, pushes, sensor noise, delay) comes from the stream that begins at that key;
+see `rimless_gym.streams`. So a row draws the same numbers whether it is stepped alone or not.
 """
 
 from __future__ import annotations
@@ -23,12 +23,16 @@ from rimless_gym.hybrid import kinetic_energy, push
 from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import CHOICES, WheelParams
+from rimless_gym.streams import between, next_uniform, normal
 
 MAX_DELAY = 100  # control intervals
 
 #: Largest standard deviation of a sensor's error (rad or rad/s). The sines of the resulting angles
 #: are still accurate; after millions of turns they would not be.
 MOST_NOISE = 1e3
+
+#: Largest standard deviation of the ground's slope (rad): 11 degrees.
+MOST_ROUGHNESS = 0.2
 
 #: Parameters that may be drawn: those that are numbers, except the number of legs.
 DRAWABLE = tuple(
@@ -57,6 +61,30 @@ class Pushes:
         object.__setattr__(self, "rate", not_negative("rate", self.rate))
         object.__setattr__(self, "impulse", _ordered("impulse", self.impulse))
         not_negative("impulse", self.impulse[0])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Terrain:
+    """Rough ground: at every touchdown, the way to the next foothold has a new slope.
+
+    Slopes are normally distributed about the machine's slope, as in Byl and Tedrake, "Metastable
+    walking machines" (IJRR 2009), and cut off at `MOST_TURN` leg angles. All angles, forces and
+    clearances stay those of the machine's slope: only the footholds' places vary. The observation
+    does not show what lies ahead.
+
+    Args:
+        slope_std: standard deviation of the slope (rad), at most `MOST_ROUGHNESS`.
+    """
+
+    slope_std: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "slope_std", not_negative("slope_std", self.slope_std))
+        if self.slope_std > MOST_ROUGHNESS:
+            raise ValueError(
+                f"slope_std = {self.slope_std}: must be at most {MOST_ROUGHNESS:g} rad; give "
+                "radians, not degrees"
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -97,6 +125,7 @@ class Disturbances:
         actuator_delay: control intervals from an action to its voltage: a whole number, or
             the least and greatest, between which each episode draws one. Until the first action
             takes effect, the voltage is 0.
+        terrain: a `Terrain` or a dictionary of its fields; None for even ground.
 
     Raises:
         TypeError: a value has the wrong type.
@@ -106,9 +135,11 @@ class Disturbances:
     pushes: Pushes | None = None
     sensor_noise: SensorNoise | None = None
     actuator_delay: int | tuple[int, int] = 0
+    terrain: Terrain | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("pushes", Pushes), ("sensor_noise", SensorNoise)):
+        kinds = {"pushes": Pushes, "sensor_noise": SensorNoise, "terrain": Terrain}
+        for name, kind in kinds.items():
             object.__setattr__(self, name, as_instance(kind, name, getattr(self, name), None))
         object.__setattr__(self, "actuator_delay", _checked_delay(self.actuator_delay))
 
@@ -122,7 +153,9 @@ class Disturbances:
         """The numbers that compiled code takes, for intervals of `period` (s)."""
         pushes = self.pushes or Pushes(rate=0.0, impulse=(0.0, 0.0))
         noise = dataclasses.astuple(self.sensor_noise or SensorNoise())
-        return Settings(-math.expm1(-pushes.rate * period), *pushes.impulse, *self.delays, noise)
+        chance = -math.expm1(-pushes.rate * period)
+        slope_std = self.terrain.slope_std if self.terrain else 0.0
+        return Settings(chance, *pushes.impulse, *self.delays, slope_std, noise)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,46 +233,16 @@ def _ordered(name: str, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
-# The random streams of rows
-
-_GAMMA = np.uint64(0x9E3779B97F4A7C15)
-_MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_S27, _S30, _S31, _S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
-
-
-@inner
-def next_uniform(streams, i):
-    """The next number in [0, 1) of stream i; `streams` is uint64 (N,)."""
-    streams[i] += _GAMMA
-    z = streams[i]
-    z = (z ^ (z >> _S30)) * _MIX1
-    z = (z ^ (z >> _S27)) * _MIX2
-    return np.float64((z ^ (z >> _S31)) >> _S11) * 2.0**-53
-
-
-@inner
-def between(low, high, streams, i):
-    """The next number of stream i, uniformly distributed over [low, high)."""
-    return low + (high - low) * next_uniform(streams, i)
-
-
-@inner
-def normal(streams, i):
-    """The next standard normal number of stream i (Box and Muller)."""
-    radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(streams, i)))
-    return radius * math.cos(2 * math.pi * next_uniform(streams, i))
-
-
 # What compiled code does with them, before and after a control interval
 
 #: The numbers of a `Disturbances`: probability of a push in an interval; least and greatest impulse
-#: of a push (N s) and delay from action to voltage (intervals); and standard deviations of the
-#: errors of phi, theta (rad), phi' and theta' (rad/s), a tuple.
+#: of a push (N s) and delay from action to voltage (intervals); standard deviation of the ground's
+#: slope (rad); and those of the errors of phi, theta (rad), phi' and theta' (rad/s), a tuple.
 Settings = record(
     "Settings",
     [
         *("push_chance", "least_impulse", "greatest_impulse"),
-        *("least_delay", "greatest_delay", "noise"),
+        *("least_delay", "greatest_delay", "slope_std", "noise"),
     ],
     __name__,
 )
@@ -270,7 +273,7 @@ def _push(memory, impulse, p, i):
     phi, shift = memory[MEMORY.phi, i], 0
     theta, dphi, dtheta = memory[MEMORY.theta, i], memory[MEMORY.dphi, i], memory[MEMORY.dtheta, i]
     if memory[MEMORY.mode, i] == DOUBLE and impulse < 0.0:
-        phi, shift = p.b, -1
+        phi, shift = p.b + (phi - p.a), -1  # on rough ground, both feet are turned
     before = kinetic_energy(phi, theta, dphi, dtheta, p)
     dphi, dtheta = push(phi, theta, dphi, dtheta, impulse, 0.0, p)
     memory[MEMORY.mode, i], memory[MEMORY.phi, i] = SINGLE, phi

@@ -168,8 +168,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       `params` to the least and greatest value. Each episode draws its machine uniformly from
       them; `env.unwrapped.params` is the machine drawn.
     - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
-      `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
-      `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
+      `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)`,
+      `terrain=Terrain(slope_std)`, which is rough ground, and `actuator_delay`, in steps or a range
+      of them; or dictionaries of their fields.
     - `starts`: a `rimless_gym.Starts(rest, moving, whirling)`, shares of which only the ratios
       count, or a dictionary of its fields.
     - `control_period`: the length of a step (s), a whole multiple of 10 ms up to 100 ms. The

@@ -23,6 +23,7 @@ from rimless_gym.hybrid import MAX_RATE, OK
 from rimless_gym.jit import cached, inner, written
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA, HybridState
 from rimless_gym.params import Constants, WheelParams
+from rimless_gym.streams import Ground
 from rimless_gym.trigonometry import cos, sin
 
 
@@ -50,15 +51,16 @@ class TaskParams(NamedTuple):
 
 Weights = record("Weights", [field.name for field in dataclasses.fields(Task)], __name__)
 
-#: What is remembered of each row from step to step: the hybrid state; the voltage held over the
-#: interval (V) and the last action; time (s) and intervals since the episode began; the delay from
-#: action to voltage (intervals); machine and task; the travel that may still be rewarded (m); and,
-#: for a push before the interval, its work (J) and the number of legs by which it moved the stance
-#: foot.
+#: What is remembered of each row from step to step: the hybrid state and its ground; the voltage
+#: held over the interval (V) and the last action; time (s) and intervals since the episode began;
+#: the delay from action to voltage (intervals); machine and task; the travel that may still be
+#: rewarded (m); and, for a push before the interval, its work (J) and the number of legs by which
+#: it moved the stance foot.
 Memory = record(
     "Memory",
     [
         *HybridState._fields,
+        *Ground._fields,  # next to the state, where the kernel looks for it
         *("voltage", "action", "time", "count", "delay"),
         *TaskParams._fields,
         *Weights._fields,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rimless_gym import hybrid
 from rimless_gym.checks import not_negative
-from rimless_gym.envs.disturbances import between, errors, next_uniform
+from rimless_gym.envs.disturbances import errors
 from rimless_gym.envs.layout import (
     COMMANDED_SIZE,
     MEMORY,
@@ -43,6 +43,7 @@ from rimless_gym.params import (
     step_length_of,
     weight_of,
 )
+from rimless_gym.streams import between, next_uniform
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,6 +227,9 @@ def start_rows(
         choices = settings.greatest_delay - settings.least_delay + 1.0
         if choices > 1.0:
             memory[MEMORY.delay, i] += math.floor(choices * next_uniform(streams, i))
+        memory[MEMORY.slope_std, i] = settings.slope_std
+        if settings.slope_std > 0.0:
+            memory[MEMORY.ground_seed, i] = next_uniform(streams, i)
         if commanded:
             speed = between(commands[k, 0], commands[k, 1], streams, i)
             memory[MEMORY.target_speed, i] = speed

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from rimless_gym import params as machines
-from rimless_gym import rules
-from rimless_gym.envs import EPISODE_STEPS, disturbances, layout, starts, task
+from rimless_gym import rules, streams
+from rimless_gym.envs import EPISODE_STEPS, layout, starts, task
 from rimless_gym.envs.arguments import Control
 from rimless_gym.envs.disturbances import Ranges
 from rimless_gym.envs.starts import USUAL_STARTS, Starts
@@ -39,7 +39,7 @@ _task = joined(
         layout: ("observation", "observed_command", "_within"),
         rules: ("exceeds",),
         starts: ("draw_state", "greatest_force"),
-        disturbances: ("between",),
+        streams: ("between",),
         task: ("rewarded", *(term.__name__ for term in task.TERMS)),
     },
     jnp.where,

@@ -22,6 +22,7 @@ from rimless_gym.hybrid import (
     contact_guard,
     crosses_kink,
     descent,
+    foot_travel,
     friction_demand,
     linear_momentum,
     losses,
@@ -40,14 +41,17 @@ from rimless_gym.kernel.tile import (
     adder,
     constants,
     get_acc,
+    get_ground,
     get_losses,
     get_state,
+    one_copy,
     put_acc,
     put_losses,
     put_state,
     turned_angles,
     unturned_angles,
 )
+from rimless_gym.streams import ground_turn
 from rimless_gym.trigonometry import MAX_TURN
 
 #: Steps are so short that between their ends the ground reaction dips by no more than a quarter of
@@ -106,6 +110,8 @@ def open_interval(tile, duration, pull):
         tile[slot.HUB + lane] = hub
         tile[slot.HUB_BEFORE + lane] = hub
         tile[slot.FOOT_BEFORE + lane] = tile[slot.FOOT + lane]
+        tile[slot.FOOT_TRAVEL + lane] = 0.0
+        tile[slot.FOOT_DESCENT + lane] = 0.0
         set_total(tile, ROW.min_normal_force, lane, fy)
         set_total(tile, ROW.friction_demand, lane, demand)
         set_total(tile, ROW.clearance, lane, clearance)
@@ -128,14 +134,13 @@ def open_interval(tile, duration, pull):
 @inlined
 def close(tile, lane, duration):
     """Complete the totals of the interval so far."""
-    p = constants(tile, lane)
     steps = tile[slot.FOOT + lane] - tile[slot.FOOT_BEFORE + lane]
-    travel = tile[slot.HUB + lane] - tile[slot.HUB_BEFORE + lane] + steps * p.chord
+    travel = tile[slot.HUB + lane] - tile[slot.HUB_BEFORE + lane] + tile[slot.FOOT_TRAVEL + lane]
     change = tile[slot.ENERGY + lane] - tile[slot.ENERGY_BEFORE + lane]
     set_total(tile, ROW.elapsed, lane, duration - tile[slot.LEFT + lane])
     set_total(tile, ROW.distance, lane, travel)
     set_total(tile, ROW.steps, lane, steps)
-    set_total(tile, ROW.mechanical_change, lane, change - steps * descent(p))
+    set_total(tile, ROW.mechanical_change, lane, change - tile[slot.FOOT_DESCENT + lane])
     set_total(tile, ROW.failure, lane, tile[slot.FAILURE + lane])
 
 
@@ -260,14 +265,30 @@ def forget_extremes(tile, lane):
 
 
 @inner
+def find_ground(tile, lane):
+    """Find how the ground turns behind and ahead of the foot; on two feet, it is that between."""
+    one_copy()
+    ground, foot = get_ground(tile, slot.GROUND, lane), np.int64(tile[slot.FOOT + lane])
+    alpha = constants(tile, lane).alpha
+    behind = ground_turn(ground, foot - 1, alpha)
+    stands = tile[slot.MODE + lane] == DOUBLE
+    tile[slot.BEHIND + lane] = behind
+    tile[slot.AHEAD + lane] = behind if stands else ground_turn(ground, foot, alpha)
+
+
+@inner
 def restart(tile, lane, mode, foot, y, pull):
     """Put a lane into another mode or onto another leg, with the contact forces there.
 
     If one of two feet lifts off at once, the wheel never stood on both, so the forces do not count
     as extremes. Returns the normal force (N).
     """
+    shift, turn, p = foot - tile[slot.FOOT + lane], tile[slot.BEHIND + lane], constants(tile, lane)
+    tile[slot.FOOT_TRAVEL + lane] += shift * foot_travel(turn, p)
+    tile[slot.FOOT_DESCENT + lane] += shift * descent(turn, p)
     tile[slot.MODE + lane] = mode
     tile[slot.FOOT + lane] = foot
+    find_ground(tile, lane)
     put_state(tile, slot.STATE, lane, y)
     here, p = unturned_angles(tile, lane), constants(tile, lane)
     acc, contact, energy, hub = _evaluate(tile, lane, here, y.dphi, y.dtheta)
@@ -290,9 +311,9 @@ def restart(tile, lane, mode, foot, y, pull):
 @inner
 def add_touchdown(tile, lane, y0, y1, shift, time):
     """Add a touchdown's loss, and the friction that its impulse demands."""
-    p = constants(tile, lane)
+    p, turn = constants(tile, lane), tile[slot.BEHIND + lane]
     before = mechanical_energy(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)
-    after = mechanical_energy(y1.phi, y1.theta, y1.dphi, y1.dtheta, p) - shift * descent(p)
+    after = mechanical_energy(y1.phi, y1.theta, y1.dphi, y1.dtheta, p) - shift * descent(turn, p)
     accumulate(tile, ROW.collision, lane, before - after)
     accumulate(tile, ROW.touchdowns, lane, 1.0)
     x0, z0 = linear_momentum(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)

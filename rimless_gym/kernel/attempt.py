@@ -224,6 +224,8 @@ def arrive(tile, lane, event, duration, pull):
     if event == LIFT_OFF:
         lift_off(tile, lane, pull)
     else:
+        between_feet = slot.AHEAD if event == FORWARD else slot.BEHIND
+        tile[slot.BEHIND + lane] = tile[slot.AHEAD + lane] = tile[between_feet + lane]
         y, u, p = (
             get_state(tile, slot.STATE, lane),
             tile[slot.VOLTAGE + lane],

@@ -20,10 +20,11 @@ from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole, friction_pole, motor_torque
 from rimless_gym.jit import ROLLOUTS, cached, inner
 from rimless_gym.kernel import tile as slot
-from rimless_gym.kernel.accounting import open_interval
+from rimless_gym.kernel.accounting import find_ground, open_interval
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
 from rimless_gym.kernel.tile import CARRIED, LANES, MACHINE_END, TILE_SIZE, copy_lanes, one_copy
 from rimless_gym.params import N_CONSTANTS, WheelParams
+from rimless_gym.streams import Ground
 
 
 class HybridState(NamedTuple):
@@ -43,6 +44,7 @@ class HybridState(NamedTuple):
 # The indices of its fields in an array.
 STATE_SIZE = len(HybridState._fields)
 PHI, THETA, DPHI, DTHETA, MODE, FOOT = HybridState(*range(STATE_SIZE))
+GROUNDED_SIZE = STATE_SIZE + len(Ground._fields)  # of a state with its ground
 
 SCRATCH_SIZE = 2 * TILE_SIZE + 1
 
@@ -83,13 +85,16 @@ def load(tile, states, voltages, base, count, stride):
     """Put wheels base, base + 1, ... into the tile's lanes; `states` has flat rows of `stride`."""
     for lane in range(LANES):
         tile[slot.INDEX + lane] = base + lane
+        for c in range(STATE_SIZE, GROUNDED_SIZE):
+            tile[slot.STATE + c * LANES + lane] = 0.0
+    size = GROUNDED_SIZE if len(states) >= GROUNDED_SIZE * stride else STATE_SIZE
     if count == LANES:
-        for c in range(STATE_SIZE):
+        for c in range(size):
             copy_lanes(tile, slot.STATE + c * LANES, states, c * stride + base)
         copy_lanes(tile, slot.VOLTAGE, voltages, base)
         return
     for lane in range(count):
-        for c in range(STATE_SIZE):
+        for c in range(size):
             tile[slot.STATE + c * LANES + lane] = states[c * stride + base + lane]
         tile[slot.VOLTAGE + lane] = voltages[base + lane]
 
@@ -157,7 +162,8 @@ def step_on(tile, states, out, stride, duration, pull):
 def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 
-    A hybrid state is the first STATE_SIZE rows of a column. All wheels have the same machine, with
+    A hybrid state is the first STATE_SIZE rows of a column; if there are more rows, the next ones
+    are its `Ground`. All wheels have the same machine, with
     `constants` (N_CONSTANTS, 1) and `poles` (1,), or each has its own, with (N_CONSTANTS, N) and
     (N,). The first len(ROW) rows of `out` are overwritten (`rimless_gym.energy.ROW`); it has as
     many columns as `states`. `pull` is the largest force (N) with which the ground holds a foot
@@ -179,6 +185,8 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
         if many:
             for lane in range(count):
                 load_machine(tile, lane, constants, poles, base + lane)
+        for lane in range(count):
+            find_ground(tile, lane)
         open_interval(tile, duration, pull)
         unfinished = attempt_step(tile, count, duration, pull)
         while unfinished and last - first <= LANES:
@@ -258,7 +266,7 @@ def advance(
 
     Args:
         params: the machine.
-        states: (N, STATE_SIZE), advanced in place.
+        states: (N, STATE_SIZE), or (N, GROUNDED_SIZE) on rough ground, advanced in place.
         voltages: (N,) in V.
         duration: time to advance (s).
         pull: largest force (N) with which the ground holds a foot down.

@@ -22,6 +22,7 @@ from rimless_gym.energy import ROW
 from rimless_gym.equations import Accelerations, Losses, State
 from rimless_gym.jit import inlined, written
 from rimless_gym.params import N_CONSTANTS, Constants
+from rimless_gym.streams import Ground
 from rimless_gym.trigonometry import cos, sin
 
 #: Eight fill the widest registers there are. docs/benchmark.md has what they buy over one, and what
@@ -114,16 +115,20 @@ def _rows(n: int) -> np.int64:
     return np.int64(first * LANES)  # with Python's integers, numba would compile once per value
 
 
-# What a wheel keeps from step to step. STATE, MODE and FOOT are the hybrid state.
+# What a wheel keeps from step to step. STATE, MODE and FOOT are the hybrid state, and GROUND is
+# next to them where a caller has one.
 STATE = _rows(len(State._fields))
 MODE = _rows(1)
 FOOT = _rows(1)
+GROUND = _rows(len(Ground._fields))
 ACC = _rows(2)  # `Accelerations`
 VOLTAGE = _rows(1)
 TOTALS = _rows(len(ROW))  # of `rimless_gym.energy.ROW`, so far in this interval
 ENERGY = _rows(1)  # mechanical, without the foot's descent (J)
 HUB = _rows(1)  # the hub's x from the stance foot (m)
 ENERGY_BEFORE, HUB_BEFORE, FOOT_BEFORE = _rows(1), _rows(1), _rows(1)
+BEHIND, AHEAD = _rows(1), _rows(1)  # turns of the ground on both sides of the foot (rad)
+FOOT_TRAVEL, FOOT_DESCENT = _rows(1), _rows(1)  # of the stance foot in this interval (m, J)
 LEFT = _rows(1)  # of the control interval (s)
 EVENTS = _rows(1)
 FAILURE = _rows(1)  # codes of `rimless_gym.hybrid`
@@ -169,13 +174,21 @@ TILE_SIZE = next(_count) * LANES
 get_state, put_state = reader(State), writer(len(State._fields))
 get_acc, put_acc = reader(Accelerations), writer(len(Accelerations._fields))
 get_losses, put_losses = reader(Losses), writer(len(Losses._fields))
+get_ground = reader(Ground)
 _read_constants = reader(Constants)
+_guards = {"a": "p.a + behind", "b": "p.b + ahead"}
+_fields = ", ".join(_guards.get(name, f"p.{name}") for name in Constants._fields)
+#: Compiled: a machine's `Constants` with the guards of ground that turns (rad) behind and ahead.
+on_ground = inlined(
+    written(f"def on_ground(p, behind, ahead):\n    return kind({_fields})", kind=Constants)
+)
 
 
 @inlined
 def constants(tile, lane):
-    """The lane's `Constants`."""
-    return _read_constants(tile, CONSTANTS, lane)
+    """The lane's `Constants`, with the guards of the ground on which it stands."""
+    p = _read_constants(tile, CONSTANTS, lane)
+    return on_ground(p, tile[BEHIND + lane], tile[AHEAD + lane])
 
 
 @inlined

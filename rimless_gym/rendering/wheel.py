@@ -10,6 +10,10 @@ from __future__ import annotations
 import cmath
 import dataclasses
 import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from rimless_gym.equations import DOUBLE, SINGLE, equations
 from rimless_gym.params import WheelParams
@@ -35,6 +39,10 @@ from rimless_gym.rendering.canvas import (
     blend,
     pygame,
 )
+from rimless_gym.streams import Ground, ground_turns
+
+#: Footholds that are drawn to each side of the stance foot, beyond the picture's ends.
+SHOWN = 50
 
 Point = tuple[float, float]
 _hub_position = equations(math.sin, math.cos).hub_position  # interpreted: nothing to compile
@@ -49,6 +57,8 @@ class Scene:
         theta: pendulum's angle from the ground's normal (rad).
         mode: `rimless_gym.equations.SINGLE` or `DOUBLE`; decides which feet light up.
         foot_x: stance foot's position along the ground (m).
+        foot_y: its height (m), not 0 on rough ground only.
+        ground: footholds, x + iy (m), in order of x; empty on even ground.
         voltage: motor voltage (V), shown as a bar; None leaves it out, as for the texts below.
         time: time (s), shown as text.
         speed: walking speed (m/s), which `draw_several` shows.
@@ -59,6 +69,8 @@ class Scene:
     theta: float
     mode: int = SINGLE
     foot_x: float = 0.0
+    foot_y: float = 0.0
+    ground: Sequence[complex] = ()
     voltage: float | None = None
     time: float | None = None
     speed: float | None = None
@@ -67,7 +79,7 @@ class Scene:
     def hub(self, params: WheelParams) -> Point:
         """The hub's position in the ground's frame (m)."""
         x, y = _hub_position(self.phi, params.constants)
-        return self.foot_x + x, y
+        return self.foot_x + x, self.foot_y + y
 
     def pendulum(self, params: WheelParams) -> tuple[complex, complex, complex]:
         """Hub, centre of mass of the pendulum and its far end, x + iy in the ground's frame (m)."""
@@ -108,7 +120,9 @@ def draw_track(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
     """The track's top and face, the shadows on both, and a scale along the edge."""
     unit, (left, right) = params.leg_length, canvas.ends
     back, edge, bottom = 0.055j * unit, -0.085j * unit, -2j * canvas.height / canvas.scale
-    canvas.box(left + edge, right + bottom, FACE)
+    ground = scene.ground or (complex(left), complex(right))
+    face = [point + edge for point in reversed(ground)]
+    canvas.polygon([*face, left + bottom, right + bottom], FACE)
 
     hub, _, tip = scene.pendulum(params)
     aside = 0.10 * unit  # of the shadow that the pendulum casts on the face
@@ -118,7 +132,7 @@ def draw_track(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
             radius, colour = spread * unit, blend(FACE, SHADOW, darkness)
             canvas.bar(top + aside, tip + (1 - 0.5j) * aside, radius, radius, colour)
 
-    canvas.box(left + back, right + edge, TRACK)
+    canvas.polygon([*(point + back for point in ground), *face], TRACK)
     for spread, darkness in ((1.0, 0.12), (0.8, 0.24), (0.55, 0.36)):
         colour, middle = blend(TRACK, FACE, darkness), hub.real - 0.015j * unit
         canvas.ellipse(middle, spread * unit, 0.06 * spread * unit, colour)
@@ -127,12 +141,30 @@ def draw_track(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
     for k in range(math.ceil(left / spacing), math.floor(right / spacing) + 1):
         long = k % 5 == 0
         tick = complex(0.024, -0.13) * unit if long else complex(0.016, -0.06) * unit
-        corner = k * spacing - tick.real / 2 + edge
+        corner = k * spacing - tick.real / 2 + edge + 1j * height_at(ground, k * spacing)
         canvas.box(corner, corner + tick, TICKS)
         if long:
-            place = canvas.pixel(k * spacing + edge - 0.17j * unit)
+            place = canvas.pixel(corner + tick.real / 2 - 0.17j * unit)
             height = max(canvas.height / 21, canvas.width / 52)
             canvas.text(f"{k * spacing:g} m", place, height, TICKS, "midtop")
+
+
+def on_ground(scene: Scene, params: WheelParams, ground: Ground, foot: int) -> Scene:
+    """The scene on rough ground, at a foothold; the ground under the hub is at height 0."""
+    first, last = min(foot, 0) - SHOWN, max(foot, 0) + SHOWN
+    turns = ground_turns(ground, params.leg_angle, first, last)
+    places = np.append(0.0, np.cumsum(params.step_length * np.exp(-1j * turns)))
+    places -= places[-first]
+    at = foot - first
+    moved = dataclasses.replace(scene, foot_x=places[at].real, foot_y=places[at].imag)
+    shown = places[at - SHOWN : at + SHOWN + 1]
+    shown = shown - 1j * height_at(shown, moved.hub(params)[0])
+    return dataclasses.replace(moved, foot_y=shown[SHOWN].imag, ground=tuple(shown.tolist()))
+
+
+def height_at(ground: ArrayLike, x: float) -> float:
+    """Height of the ground (m) at x."""
+    return float(np.interp(x, np.real(ground), np.imag(ground)))
 
 
 def draw_wheel(canvas: Canvas, params: WheelParams, scene: Scene, paint: Paint) -> None:

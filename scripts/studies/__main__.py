@@ -32,6 +32,7 @@ STUDIES = {
     "stop_and_go": "stop_and_go",
     "stops": "fronts.strides",
     "strides": "fronts.strides",
+    "terrain": "terrain",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }

@@ -60,7 +60,7 @@ MUTANTS = (
     # The ledger
     Mutant(ACCOUNTING, "lane, before - after)", "lane, after - before)", KERNEL),
     Mutant(ACCOUNTING, "ROW.touchdowns, lane, 1.0", "ROW.touchdowns, lane, 2.0", KERNEL),
-    Mutant(ACCOUNTING, "- shift * descent(p)", "+ shift * descent(p)", KERNEL),
+    Mutant(ACCOUNTING, "- shift * descent(turn, p)", "+ shift * descent(turn, p)", KERNEL),
     # Rewards
     Mutant(
         TASK, "task.distance_weight * interval.rewarded_travel", "interval.rewarded_travel", REWARDS

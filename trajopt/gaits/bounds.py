@@ -136,4 +136,4 @@ def _least_supply(params: WheelParams, needed: float) -> float:
 
 def _descent(params: WheelParams, speed: float) -> float:
     """Mean power (W) of gravity down the slope."""
-    return float(_eq.descent(params.constants)) * speed / params.step_length
+    return float(_eq.descent(0.0, params.constants)) * speed / params.step_length

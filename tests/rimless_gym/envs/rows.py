@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from rimless_gym import Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise
+from rimless_gym import Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise, Terrain
 
 ID, SPEED_ID = "RimlessWheel-v0", "RimlessWheelSpeed-v0"
 STILL = np.zeros(1, np.float32)
@@ -19,6 +19,7 @@ ROUGH: dict[str, Any] = {
         pushes=Pushes(rate=5.0, impulse=(0.1, 1.5)),
         sensor_noise=SensorNoise(leg_angle=0.01, pendulum_angle=0.02, leg_rate=0.1),
         actuator_delay=(0, 3),
+        terrain=Terrain(slope_std=0.05),
     ),
 }
 

@@ -27,6 +27,7 @@ from rimless_gym import (
     SensorNoise,
     Starts,
     Task,
+    Terrain,
 )
 from rimless_gym.hybrid import MAX_RATE
 from tests.rimless_gym.envs.rows import ID, SAME, make, swinging
@@ -121,6 +122,7 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
         (Starts, {"rest": 0, "moving": 0}, ValueError, "one of the shares must be greater than 0"),
         (Pushes, {"rate": 1.0, "impulse": (2, 1)}, ValueError, "impulse = .*: must be in order"),
         (SensorNoise, {"pendulum_angle": 1e18}, ValueError, r"angle = 1e\+18: must be at most"),
+        (Terrain, {"slope_std": 1.5}, ValueError, "slope_std = 1.5: .* 0.2 rad; give radians, not"),
         (Disturbances, {"sensor_noise": {"leg": 1}}, ValueError, "'leg' .*choose from .*leg_angle"),
         (Disturbances, {"actuator_delay": (3, 1)}, ValueError, "actuator_delay = .* in order"),
         (Ranges, {"bounds": {"slope": (0.1, -0.1)}}, ValueError, "slope = .*: must be in order"),
