@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
+from agents.cli.options import Count, MaybeCount, MaybePath, Positive, Several, chosen
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, controller_policy
@@ -46,10 +46,6 @@ CANDIDATES: dict[str, int | None] = {
     "robust": None,
 }
 
-#: How long a walk lasts (s), of which `SHORT_PROTOCOL` measures the last 10: a controller that
-#: adapts has done so until then.
-DURATION = 28.0
-
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
@@ -77,6 +73,7 @@ class Walk(NamedTuple):
     machine: WheelParams
     disturbances: str | None
     starts: int
+    seconds: float
     folder: Path
 
 
@@ -93,6 +90,7 @@ def robustness(
     out: Path = Path("runs/robustness"),
     machines: Count = 16,
     starts: Count = 4,
+    seconds: Positive = 20.0,
     candidates: Several = (),
     groups: Several = (),
     workers: MaybeCount = None,
@@ -108,6 +106,7 @@ def robustness(
         out: folder of the study.
         machines: how many are drawn for each level.
         starts: of each machine.
+        seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
         workers: processes; by default one for every core.
@@ -116,7 +115,7 @@ def robustness(
     changes, names = cases(machines), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
     walks = [
-        Walk(candidate, machine, case.disturbances, starts, out)
+        Walk(candidate, machine, case.disturbances, starts, seconds, out)
         for case in every.values()
         for candidate in names
         for machine in case.machines
@@ -216,7 +215,7 @@ def walked(task: Walk) -> dict[str, Any]:
     result = evaluate(
         policy_of(task.candidate, task.folder),
         task.machine,
-        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=DURATION),
+        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=task.seconds),
         disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
         progress=False,
     )
