@@ -24,7 +24,15 @@ from rimless_gym.kernel import tile as slot
 from rimless_gym.kernel.accounting import find_ground, open_interval
 from rimless_gym.kernel.attempt import attempt_step, runs
 from rimless_gym.kernel.integration import find_sines
-from rimless_gym.kernel.tile import CARRIED, LANES, MACHINE_END, TILE_SIZE, copy_lanes, one_copy
+from rimless_gym.kernel.tile import (
+    CARRIED,
+    LANES,
+    MACHINE_END,
+    TILE_SIZE,
+    copy_lanes,
+    get_ground,
+    one_copy,
+)
 from rimless_gym.params import N_CONSTANTS, WheelParams
 from rimless_gym.streams import Ground
 
@@ -87,6 +95,7 @@ def load(tile, states, voltages, base, count, stride):
     """Put wheels base, base + 1, ... into the tile's lanes; `states` has flat rows of `stride`."""
     for lane in range(LANES):
         tile[slot.INDEX + lane] = base + lane
+        tile[slot.BEHIND + lane] = tile[slot.AHEAD + lane] = 0.0
         for c in range(STATE_SIZE, GROUNDED_SIZE):
             tile[slot.STATE + c * LANES + lane] = 0.0
     size = GROUNDED_SIZE if len(states) >= GROUNDED_SIZE * stride else STATE_SIZE
@@ -190,7 +199,8 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
             for lane in range(count):
                 load_machine(tile, lane, constants, poles, base + lane)
         for lane in range(count):
-            find_ground(tile, lane)
+            if get_ground(tile, slot.GROUND, lane).slope_std > 0.0:
+                find_ground(tile, lane)
         open_interval(tile, duration, pull)
         unfinished = attempt_step(tile, count, duration, pull)
         while unfinished and few:

@@ -2,7 +2,7 @@
 
 docs/bounds.md has the argument and the results. A linear program chooses the storage function so
 that an inequality holds at sampled states; fresh samples then measure by how much it is violated
-between them, and the bound is lowered by that. It takes some ten minutes of one core.
+between them, and the bound is lowered by that. It takes some five minutes of one core.
 """
 
 from __future__ import annotations
@@ -10,29 +10,41 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from agents.cli.options import Count, MaybePath, Several
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, SINGLE, equations
 from scripts.studies.documents.markdown import formatted, marks, refresh
 from trajopt.gaits.fronts import shipped_front
 from trajopt.gaits.problem import MIN_NORMAL_FORCE
-from trajopt.ocp.arrays import Array
+from trajopt.ocp.arrays import Array, Indices
 
 PARAMS = BUILDABLE
 C, V, WEIGHT = PARAMS.constants, PARAMS.voltage_limit, PARAMS.weight
 
 #: The region of the states: rates (rad/s) and mechanical energy (J). The best gait stays within
 #: 0 to 7 and -25 to -10 rad/s and below 12.3 J.
-DPHI, DTHETA, ENERGY = (-4.0, 8.0), (-30.0, 30.0), 14.0
+REGION, ENERGY = np.array([(C.a, C.b), (-math.pi, math.pi), (-4.0, 8.0), (-30.0, 30.0)]), 14.0
 
-#: States sampled per coefficient at first, and afresh in a round; those that are kept of a round;
-#: rounds of the last measurement.
-SAMPLES, FRESH, WORST, LAST = 20, 60_000, 600, 8
+#: States sampled per coefficient at first, and afresh in a round; by how much of its size they are
+#: drawn beyond the region, and brought to its border; rounds of the last measurement.
+SAMPLES, FRESH, BEYOND, LAST = 20, 40_000, 0.15, 8
+
+#: Limits of the voltage are widened by this (N; rad/s^2 on two feet): a voltage at which one is
+#: reached is interpolated, because limits are nearly linear only.
+RELAXED = 0.1
+
+#: The region's cells. The worst state of a cell counts if its margin is below `NEARLY`, in at most
+#: `WORST` cells; it is moved to the worst of `NEAR` states near it, ever nearer (in sizes of the
+#: region).
+CELLS, NEARLY, WORST, NEAR, SPREADS = (6, 12, 8, 14), 0.02, 600, 8, (0.05, 0.02, 0.01, 0.004)
+
+#: After `FIRST` rounds, a round's storage function moves this share of the way to the new optimum.
+FIRST, SHARE = 6, 0.3
 
 #: The linear program ends this far from its optimum (relative): inside of what it admits, fewer
 #: inequalities are violated between the samples. No coefficient exceeds `LARGEST` (J).
@@ -61,18 +73,21 @@ class StorageBound(NamedTuple):
     fall: float  # most that the storage function falls in a jump (J)
 
 
-def bounds(*, degree: int = 5, rounds: int = 40, docs: Path | None = None) -> int:
+def bounds(*, degrees: Several = ("5",), rounds: Count = 30, docs: MaybePath = None) -> int:
     """Bound the least cost of transport of BUILDABLE at any speed.
 
     Args:
-        degree: total degree of the storage function.
+        degrees: total degrees of the storage function.
         rounds: of adding samples where the inequality is violated.
         docs: docs/bounds.md, to write the table into.
     """
-    basis = Basis(degree)
-    found = best_certificate(basis, rounds, np.random.default_rng(degree))
-    row = {"degree": degree, "rounds": rounds, "coefficients": len(basis.powers)}
-    text = formatted(COLUMNS, [row | found._asdict()]) + "\n"
+    rows = []
+    for degree in map(int, degrees):
+        basis = Basis(degree)
+        found = best_certificate(basis, rounds, np.random.default_rng(degree))
+        size = {"degree": degree, "rounds": rounds, "coefficients": len(basis.powers)}
+        rows.append(size | found._asdict())
+    text = formatted(COLUMNS, rows) + "\n"
     if docs:
         refresh(docs, marks("bounds", ("storage",)), {"storage": text})
     print(text)
@@ -80,57 +95,83 @@ def bounds(*, degree: int = 5, rounds: int = 40, docs: Path | None = None) -> in
 
 
 def best_certificate(basis: Basis, rounds: int, rng: np.random.Generator) -> StorageBound:
-    """The bound after some rounds of adding samples where the inequality is violated."""
+    """The bound after some rounds of adding samples where the inequality is violated.
+
+    The optimum jumps from round to round, and is violated elsewhere each time. So violations are
+    sought of a mean of the optima so far, in which the last ones weigh most.
+    """
     flow = [_flow_rows(basis, m, x, u) for m, x, u in _first_samples(basis, rng)]
     flow += [_flow_rows(basis, SINGLE, x, u) for x, u in _gaits()]
     jumps = [basis.values(y) - basis.values(x) for x, y in _jumps(20 * len(basis.powers), rng)]
-    worst: dict[int, Array] = dict.fromkeys((SINGLE, DOUBLE), np.empty((4, 0)))
+    violated: dict[int, Array] = dict.fromkeys((SINGLE, DOUBLE), np.empty((4, 0)))
+    mean = np.zeros(len(basis.powers) + 1)
     for done in range(rounds):
-        z, cot = least_cot(np.concatenate(flow), np.concatenate(jumps))
-        for mode, near in worst.items():
-            x, u, margin = _worst(basis, mode, z, cot, near, rng)
-            bad = margin < 0
-            worst[mode] = x[:, np.argsort(margin)[:WORST]]
-            flow.append(_flow_rows(basis, mode, x[:, bad], u[bad]))
-            print(f"round {done}: c = {cot:.5f}, least margin {margin.min():.4f}", flush=True)
-        for x, y in _jumps(FRESH, rng):
+        best = least_cot(np.concatenate(flow), np.concatenate(jumps))
+        mean = best if done < FIRST else mean + SHARE * (best - mean)
+        z, cot = mean[:-1], float(mean[-1])
+        for mode in violated:
+            x, u, margin = _worst(basis, mode, z, cot, violated[mode], rng)
+            x, u = x[:, margin < 0], u[margin < 0]
+            violated[mode] = np.concatenate([violated[mode], x], axis=1)
+            flow += [_flow_rows(basis, mode, x, u), *_at_ends(basis, mode, x)]
+            print(
+                f"round {done}: c = {cot:.5f}, least margin {margin.min(initial=0):.4f}", flush=True
+            )
+        for x, y in _jumps(FRESH // 3, rng):
             gain = basis.values(y) - basis.values(x)
             least = np.argsort(gain @ z)[:WORST]
             jumps.append(gain[least[(gain[least] @ z) < 0]])
-    return certified(basis, z, cot, worst, rng)
+    return certified(basis, z, cot, violated, rng)
 
 
 def certified(
-    basis: Basis, z: Array, cot: float, worst: dict[int, Array], rng: np.random.Generator
+    basis: Basis, z: Array, cot: float, violated: dict[int, Array], rng: np.random.Generator
 ) -> StorageBound:
     """The bound that fresh samples leave of a storage function, and a search around the worst."""
     scale, jump = 1.0, 0.0
     for _ in range(LAST):
-        for mode, near in worst.items():
-            x, _, margin = _worst(basis, mode, scale * z, scale * cot, near, rng)
-            worst[mode] = x[:, np.argsort(margin)[:WORST]]
-            scale /= 1.0 - min(0.0, float(margin.min()))
+        for mode, known in violated.items():
+            x, _, margin = _worst(basis, mode, scale * z, scale * cot, known, rng)
+            violated[mode] = np.concatenate([known, x[:, margin < 0]], axis=1)
+            scale /= 1.0 - min(0.0, float(margin.min(initial=0.0)))
         gains = [(basis.values(y) - basis.values(x)) @ z for x, y in _jumps(FRESH, rng)]
         jump = float(np.concatenate([[jump], *gains]).min())
     return StorageBound(scale * (cot + jump / (WEIGHT * C.chord)), cot, scale, -jump)
 
 
 def _worst(
-    basis: Basis, mode: int, z: Array, cot: float, near: Array, rng: np.random.Generator
+    basis: Basis, mode: int, z: Array, cot: float, known: Array, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Fresh states, and states ever nearer to the worst ones, with their voltage of `least_margin`.
+    """The worst states of all cells, with their voltages and margins as shares of the power.
 
-    The margins are given as shares of the power.
+    They are found among fresh and known states, and then near the worst of each cell.
     """
-    found = []
-    x = np.concatenate([_states(mode, FRESH, rng), _near(near, 0.03, rng)], axis=1)
-    for spread in (0.03, 0.01, 0.003):
-        u, margin = least_margin(basis, mode, x, z, cot)
-        margin /= _power(x, u)
-        least = np.argsort(margin)[:WORST]
-        found.append((x[:, least], u[least], margin[least]))
-        x = _near(x[:, least], spread, rng)
-    return tuple(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))  # type: ignore[return-value]
+    x = np.concatenate([_states(mode, FRESH, rng), known], axis=1)
+    u, margin = _shares(basis, mode, x, z, cot)
+    least = _least_of_cells(x, margin)
+    x, u, margin = x[:, least], u[least], margin[least]
+    for spread in SPREADS:
+        x = _near(mode, x, spread, rng)
+        u, margin = _shares(basis, mode, x, z, cot)
+        least = margin.reshape(-1, NEAR).argmin(axis=1) + NEAR * np.arange(len(margin) // NEAR)
+        x, u, margin = x[:, least], u[least], margin[least]
+    return x, u, margin
+
+
+def _shares(basis: Basis, mode: int, x: Array, z: Array, cot: float) -> tuple[Array, Array]:
+    u, margin = least_margin(basis, mode, x, z, cot)
+    return u, margin / _power(x, u)
+
+
+def _least_of_cells(x: Array, margin: Array) -> Indices:
+    """The index of the state of least margin in every cell, where it is below `NEARLY`."""
+    low, high = REGION.T[:, :, None]
+    place = np.floor((x - low) / (high - low) * np.array(CELLS)[:, None]).astype(int)
+    cell = np.ravel_multi_index(tuple(place), CELLS, mode=("clip", "wrap", "clip", "clip"))
+    order = np.argsort(margin)
+    _, first = np.unique(cell[order], return_index=True)
+    least = order[np.sort(first)]
+    return least[margin[least] < NEARLY][:WORST]
 
 
 # -- the inequality --------------------------------------------------------------------------------
@@ -169,6 +210,13 @@ def _flow_rows(basis: Basis, mode: int, x: Array, u: Array) -> Array:
     return np.column_stack([change, -WEIGHT * _speed(x), _power(x, u)])
 
 
+def _at_ends(basis: Basis, mode: int, x: Array) -> Iterator[Array]:
+    """Rows at these states for the voltages at the ends of what is admissible, and coasting."""
+    voltages = list(_voltages(mode, x, np.zeros_like))
+    for u, admissible in (*voltages[:1], *voltages[1::3]):
+        yield _flow_rows(basis, mode, x[:, admissible], u[admissible])
+
+
 def least_margin(basis: Basis, mode: int, x: Array, z: Array, cot: float) -> tuple[Array, Array]:
     """Of each state the admissible voltage of least margin (W) in the inequality, and the margin.
 
@@ -201,7 +249,7 @@ def _voltages(
     ends = np.sort([-limit, 0 * limit, np.clip(coasting, -V, V), limit], axis=0)
     for left, right in pairwise(ends):
         width = np.maximum(right - left, 1e-9)
-        at_left, at_right = _limits(mode, x, left), _limits(mode, x, right)
+        at_left, at_right = (_limits(mode, x, u) + RELAXED for u in (left, right))
         with np.errstate(divide="ignore", invalid="ignore"):
             roots = left + width * at_left / (at_left - at_right)
         low = np.where((at_left < 0) & (at_right > 0), roots, left).max(axis=0)
@@ -217,30 +265,31 @@ def _voltages(
 
 
 def _states(mode: int, count: int, rng: np.random.Generator) -> Array:
-    """Random states within the region, (4, `count` or fewer)."""
-    low, high = np.array([(C.a, C.b), (-math.pi, math.pi), DPHI, DTHETA]).T
-    x = rng.uniform(low, high, (count, 4)).T
-    if mode == DOUBLE:
-        x[0], x[2] = C.a, 0.0
-    return _inside(x)
+    """Random states of the region and of its border, where violations are largest, (4, `count`)."""
+    low, high = REGION.T
+    beyond = BEYOND * (high - low)
+    return _within(mode, rng.uniform(low - beyond, high + beyond, (count, 4)).T)
 
 
-def _near(x: Array, spread: float, rng: np.random.Generator) -> Array:
-    """These states, and nine near each of them, by a share of the region's size."""
-    size = np.array([C.alpha, 2 * math.pi, DPHI[1] - DPHI[0], DTHETA[1] - DTHETA[0]])
-    if len(x.T) and np.all(x[2] == 0):  # double stance
-        size[[0, 2]] = 0.0
-    x = np.repeat(x, 10, axis=1)
+def _near(mode: int, x: Array, spread: float, rng: np.random.Generator) -> Array:
+    """Each state, and others near it, `NEAR` in a row."""
+    low, high = REGION.T
+    x = np.repeat(x, NEAR, axis=1)
     away = rng.normal(size=x.shape)
-    away[:, ::10] = 0.0
-    return _inside(x + spread * size[:, None] * away)
+    away[:, ::NEAR] = 0.0
+    return _within(mode, x + spread * (high - low)[:, None] * away)
 
 
-def _inside(x: Array) -> Array:
-    inside = _eq.mechanical_energy(*x, C) <= ENERGY
-    for row, (low, high) in zip((0, 2, 3), ((C.a, C.b), DPHI, DTHETA), strict=True):
-        inside &= (x[row] >= low) & (x[row] <= high)
-    return x[:, inside]
+def _within(mode: int, x: Array) -> Array:
+    """The states, brought into the region: clipped, and slowed down to its energy."""
+    low, high = REGION.T[:, :, None]
+    phi, theta, dphi, dtheta = np.where([[False], [True], [False], [False]], x, x.clip(low, high))
+    if mode == DOUBLE:
+        phi, dphi = np.full_like(phi, C.a), np.zeros_like(dphi)
+    potential = _eq.mechanical_energy(phi, theta, 0 * dphi, 0 * dtheta, C)
+    kinetic = _eq.mechanical_energy(phi, theta, dphi, dtheta, C) - potential
+    slower = np.sqrt(np.minimum(1.0, (ENERGY - potential) / np.maximum(kinetic, 1e-9)))
+    return np.array([phi, theta, slower * dphi, slower * dtheta])
 
 
 def _first_samples(basis: Basis, rng: np.random.Generator) -> Iterator[tuple[int, Array, Array]]:
@@ -263,7 +312,7 @@ def _jumps(count: int, rng: np.random.Generator) -> Iterator[tuple[Array, Array]
     for sign, phi, touchdown in ((1, C.b, _eq.touchdown), (-1, C.a, _eq.touchdown_backward)):
         x = _states(SINGLE, count // 2, rng)
         x[0], x[2] = phi, sign * np.abs(x[2]) * rng.random(x.shape[1])
-        x = _inside(x)
+        x = _within(SINGLE, x)
         y = np.array(touchdown(*x, C))
         stop = np.zeros_like(x)
         stop[0], stop[1], stop[3] = C.a, x[1], _eq.stop_on_two_feet(*x, C)
@@ -280,7 +329,9 @@ def _jumps(count: int, rng: np.random.Generator) -> Iterator[tuple[Array, Array]
 class Basis:
     """Functions of the state up to a total degree: powers of phi, phi', theta', waves in theta.
 
-    Standing on either foot at rest is the same state, so phi is not odd where phi' is absent.
+    They are multiplied by powers of the mechanical energy, each of degree 2: it is the storage
+    function of a machine without losses, and a polynomial comes near to it only. Standing on either
+    foot at rest is the same state, so phi is not odd where phi' is absent.
     """
 
     def __init__(self, degree: int) -> None:
@@ -288,40 +339,50 @@ class Basis:
         self.degree = degree
         self.powers = np.array(
             [
-                (p, wave, q, r)
+                (p, wave, q, r, e)
                 for p in d
                 for q in d
                 for r in d
+                for e in d
                 for m in d
                 for wave in ((2 * m - 1, 2 * m) if m else (0,))
-                if 0 < p + q + r + m <= degree and (q or p % 2 == 0)
+                if 0 < p + q + r + m + 2 * e <= degree and (q or p % 2 == 0)
             ]
         )
 
     def values(self, x: Array) -> Array:
         """The functions at states (4, N), (N, n)."""
-        phi, theta, dphi, dtheta = (values for values, _ in self._factors(x))
-        return phi * theta * dphi * dtheta
+        phi, theta, dphi, dtheta, energy = (values for values, _ in self._factors(x))
+        return phi * theta * dphi * dtheta * energy
 
     def gradients(self, x: Array) -> Iterator[Array]:
         """Their derivatives by phi, theta, phi', theta', each (N, n)."""
-        (phi, d_phi), (theta, d_theta), (dphi, d_dphi), (dtheta, d_dtheta) = self._factors(x)
+        factors = self._factors(x)
+        (phi, d_phi), (theta, d_theta), (dphi, d_dphi), (dtheta, d_dtheta), (e, d_e) = factors
         rates, angles = dphi * dtheta, phi * theta
-        yield rates * theta * d_phi
-        yield rates * phi * d_theta
-        yield angles * dtheta * d_dphi
-        yield angles * dphi * d_dtheta
+        others, rates_e, angles_e = angles * rates * d_e, rates * e, angles * e
+        by_phi, by_theta, by_dphi, by_dtheta = self._energy_slopes(x)
+        yield rates_e * theta * d_phi + others * by_phi
+        yield rates_e * phi * d_theta + others * by_theta
+        yield angles_e * dtheta * d_dphi + others * by_dphi
+        yield angles_e * dphi * d_dtheta + others * by_dtheta
 
     def _factors(self, x: Array) -> list[tuple[Array, Array]]:
-        """What each function has of phi, theta, phi', theta', and its derivative, (N, n) each."""
+        """What each function has of phi, theta, phi', theta', E, and its derivative, (N, n)."""
         phi, theta, dphi, dtheta = x
         factors = (
             self._polynomials(phi - math.pi / 2, C.alpha / 2),
             self._waves(theta),
-            self._polynomials(dphi, DPHI[1]),
-            self._polynomials(dtheta, DTHETA[1]),
+            self._polynomials(dphi, REGION[2, 1]),
+            self._polynomials(dtheta, REGION[3, 1]),
+            self._polynomials(_eq.mechanical_energy(*x, C), ENERGY),
         )
         return [(f[:, k], d[:, k]) for (f, d), k in zip(factors, self.powers.T, strict=True)]
+
+    def _energy_slopes(self, x: Array) -> list[Array]:
+        """The energy's derivatives by phi, theta, phi', theta', (N, 1): by complex steps."""
+        steps = 1e-30j * np.eye(4)[:, :, None]
+        return [_eq.mechanical_energy(*(x + step), C).imag[:, None] / 1e-30 for step in steps]
 
     def _polynomials(self, x: Array, size: float) -> tuple[Array, Array]:
         power = np.arange(self.degree + 1)
@@ -337,26 +398,27 @@ class Basis:
         return np.column_stack([0 * x + 1, values]), np.column_stack([0 * x, slopes])
 
 
-def least_cot(flow: Array, jumps: Array) -> tuple[Array, float]:
-    """The storage function's n coefficients and the greatest bound at the samples.
+def least_cot(flow: Array, jumps: Array) -> Array:
+    """The storage function's n coefficients, and the greatest bound at the samples, (n + 1,).
 
     `flow` are rows of `_flow_rows`; `jumps`, (rows, n), the gains of the basis in jumps.
     """
-    n = jumps.shape[1]
-    box = np.eye(n + 1)[:-1]
-    a = np.concatenate([-flow[:, :-1], np.column_stack([-jumps, 0 * jumps[:, 0]]), box, -box])
-    b = np.concatenate([flow[:, -1], np.zeros(len(jumps)), np.full(2 * n, LARGEST)])
-    size = 1 / np.maximum(np.linalg.norm(a, axis=1), 1e-3)
-    y = interior_point(a * size[:, None], b * size, -np.eye(n + 1)[-1])
-    return y[:-1], float(y[-1])
+    box = np.eye(jumps.shape[1] + 1)[:-1] / LARGEST
+    gains = jumps / np.maximum(np.linalg.norm(jumps, axis=1), 1e-9)[:, None]
+    gains = np.column_stack([gains, np.zeros(len(gains))])
+    a = np.concatenate([-flow[:, :-1] / flow[:, -1:], box, -box, -gains])
+    b = np.repeat([1.0, 0.0], [len(a) - len(gains), len(gains)])
+    return interior_point(a, b, -np.eye(len(box) + 1)[-1])
 
 
 def interior_point(a: Array, b: Array, cost: Array) -> Array:
     """y of least cost . y with a y <= b, within `GAP`, by Mehrotra's predictor and corrector.
 
-    SciPy's HiGHS takes minutes where this takes seconds, because these rows are dense.
+    b is not negative. SciPy's HiGHS takes minutes where this takes seconds, because these rows are
+    dense.
     """
-    y, slack, weight = np.zeros(len(cost)), np.ones(len(b)), np.ones(len(b)) / len(b)
+    y, slack = np.zeros(len(cost)), np.maximum(b, 0.1)
+    weight = 1 / (slack * len(b))
     while True:
         primal, dual, gap = a @ y + slack - b, a.T @ weight + cost, slack @ weight
         if gap < GAP * abs(cost @ y) and np.abs(primal).max() < 1e-6:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
+from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.problem import stands
 from trajopt.gaits.solution import Optimality, Solution
 from trajopt.gaits.verify import (
@@ -26,6 +28,7 @@ from trajopt.gaits.verify import (
 )
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.schemes import lagrange_matrix
 from trajopt.ocp.solve import WARM_BARRIERS, solve
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.store import provenance
@@ -36,6 +39,9 @@ FINE_TOLERANCE = 1e-9
 
 #: Newton steps at most, and the largest gap (rad, rad/s) that they are meant for.
 NEWTON_STEPS, LARGEST_GAP = 3, 1e-2
+
+#: Where an element's polynomial is compared with a simulation: fractions of the element.
+WITHIN = (np.arange(16) + 0.5) / 16
 
 
 def finished(
@@ -112,7 +118,53 @@ def polished(
         error = state_error(params, current, turns)[0]
         if error < best:
             best, polished_phases = error, tuple(current)
+    if STATE_TOLERANCE < best < math.inf:
+        halved = _halved(params, polished_phases, turns)
+        if state_error(params, halved, turns)[0] <= STATE_TOLERANCE:
+            return halved
     return polished_phases
+
+
+def _halved(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
+) -> tuple[PhaseTrajectory, ...]:
+    """The phases, with elements halved whose polynomials leave their own simulation.
+
+    A control can be right, and the states at all edges to 1e-10, where the polynomial between
+    them is not: its order is lower than the edges'. The halves follow the simulation. Spans whose
+    simulation leaves their edges, too, remain as they are.
+    """
+    halved = list(phases)
+    for span, run in reversed(state_error(params, phases, turns)[1]):
+        part = span.phase
+        if np.abs(run.state(part.edges[:-1]) - part.states[:, 0]).max() > 0.1 * STATE_TOLERANCE:
+            continue
+        for e in reversed(range(len(part.edges) - 1)):
+            between = part.edges[e] + part.element_durations[e] * WITHIN
+            if np.abs(run.state(between) - part.state(between)).max() > 0.5 * STATE_TOLERANCE:
+                whole = halved[span.step]
+                halved[span.step] = _halved_element(whole, span.element + e, run, part.edges[e])
+    return tuple(halved)
+
+
+def _halved_element(
+    phase: PhaseTrajectory, e: int, run: Trajectory, begin: float
+) -> PhaseTrajectory:
+    """The phase with element e in two halves; `run` passes it from the time `begin` (s)."""
+    width, halves = phase.element_durations[e], np.array([[0.0], [0.5]])
+    states = run.state(begin + width * (halves + 0.5 * phase.nodes).ravel())
+    states = states.reshape(2, len(phase.nodes), -1)
+    states[0, 0], states[1, -1] = phase.states[e, 0], phase.states[e, -1]
+    knots = phase.control_nodes
+    basis = lagrange_matrix(knots, (halves + 0.5 * knots).ravel()).reshape(2, len(knots), -1)
+    return dataclasses.replace(
+        phase,
+        edges=np.insert(phase.edges, e + 1, phase.edges[e] + 0.5 * width),
+        states=np.concatenate([phase.states[:e], states, phase.states[e + 1 :]]),
+        controls=np.concatenate(
+            [phase.controls[:e], basis @ phase.controls[e], phase.controls[e + 1 :]]
+        ),
+    )
 
 
 def _landing_softly(

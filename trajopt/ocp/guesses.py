@@ -33,9 +33,9 @@ def straight_lines(problem: Problem) -> Guess:
         phases.append(line(np.nan_to_num(first), np.nan_to_num(last), control, 1.0))
     _, high = pair(problem.duration)
     wanted = np.full(len(phases), high / len(phases))
-    if not np.isfinite(high):
-        wanted = np.nan_to_num(implied_durations(problem, phases), nan=1.0)
     limits = np.array([pair(phase.duration) for phase in problem.phases])
+    if not np.isfinite(high) and np.ptp(limits, axis=1).any():
+        wanted = np.nan_to_num(implied_durations(problem, phases), nan=1.0)
     durations = np.clip(wanted, *limits.T)
     return tuple(
         dataclasses.replace(path, edges=T * path.edges)

@@ -307,19 +307,20 @@ def _expansion(function: ca.Function) -> tuple[ca.Function, ...]:
 
 
 class _Samples(NamedTuple):
-    """States and controls of a phase: along it (places, .), and around (directions, places, .)."""
+    """States and controls of a phase, (1 + directions, places, .): along it, then around it."""
 
-    along: tuple[Array, Array]
-    around: tuple[Array, Array]
+    states: Array
+    controls: Array
 
 
 def _sampled(phase: Phase, path: PhaseTrajectory, *units: Array) -> _Samples:
-    times, moved = path.duration * PLACES, []
+    times, sampled = path.duration * PLACES, []
     along = path.state(times), path.control(times)
     limits = phase.state_bounds(), phase.control_bounds()
     for values, unit, bounds in zip(along, units, limits, strict=True):
-        moved.append(np.clip(values + unit * _directions(*values.shape), *bounds))
-    return _Samples(along, (moved[0], moved[1]))
+        around = np.clip(values + unit * _directions(*values.shape), *bounds)
+        sampled.append(np.concatenate([values[None], around]))
+    return _Samples(*sampled)
 
 
 @lru_cache(maxsize=64)
@@ -329,9 +330,9 @@ def _directions(*shape: int) -> Array:
 
 def _largest(function: Any, samples: _Samples, p: Array) -> Array:
     """Largest magnitudes of a function along a phase, or typical ones around it if larger."""
-    along, around = (np.abs(evaluated(function, *xu, p)) for xu in samples)
-    along = np.where(np.isfinite(along), along, 0.0).max(axis=0)
-    return np.maximum(along, _typical(around, None, 0.0))
+    sizes = np.abs(evaluated(function, *samples, p))
+    along = np.where(np.isfinite(sizes[0]), sizes[0], 0.0).max(axis=0)
+    return np.maximum(along, _typical(sizes[1:], None, 0.0))
 
 
 def _phase_scales(
@@ -344,10 +345,10 @@ def _phase_scales(
         powers = np.where(powers > 0.0, powers, 1.0)
     limits = integral = np.zeros(0)
     if phase.path is not None:
-        at, moved = (evaluated(phase.path.function, *xu, p) for xu in samples)
-        limits = _typical(np.abs(moved - at), at)
+        values = evaluated(phase.path.function, *samples, p)
+        limits = _typical(np.abs(values[1:] - values[0]), values[0])
     if phase.integral is not None:
-        rates = evaluated(phase.integral.function, *samples.around, p)
+        rates = evaluated(phase.integral.function, *samples, p)[1:]
         integral = duration * _typical(np.abs(rates))
     ends = [
         _changes(c and c.function, [(end, states), (p, 0.0 * p)])
@@ -400,7 +401,7 @@ def _cost_scale(
         rates = np.abs(running_cost(phase, path.states, u, p))
         rates = np.where(np.isfinite(rates), rates, 0.0)
         along += float(path.element_durations @ rates.mean(axis=1))
-        rates = running_cost(phase, *sampled.around, p)
+        rates = running_cost(phase, *sampled, p)[1:]
         around += path.duration * float(_typical(np.abs(rates[..., None]), None, 0.0)[0])
     if problem.endpoint_cost is not None:
         at = float(problem.endpoint_cost(*(values for values, _ in ends)))
@@ -416,11 +417,12 @@ def _typical(sizes: Array, otherwise: Array | None = None, last: float = 1.0) ->
 
     Where there are none, of the magnitudes `otherwise`, and `last` if there are none either.
     """
-    columns = sizes.reshape(-1, sizes.shape[-1]).T
-    found = np.zeros(len(columns))
-    for i, column in enumerate(columns):
-        used = column[np.isfinite(column) & (column > 0.0)]
-        found[i] = np.median(used) if len(used) else 0.0
+    columns = sizes.reshape(-1, sizes.shape[-1])
+    used = np.isfinite(columns) & (columns > 0.0)
+    ordered, count = np.sort(np.where(used, columns, np.inf), axis=0), used.sum(axis=0)
+    middle = np.array([np.maximum(count - 1, 0) // 2, count // 2])
+    medians = ordered[np.minimum(middle, len(ordered) - 1), np.arange(len(count))].mean(axis=0)
+    found = np.where(count > 0, medians, 0.0)
     if otherwise is not None:
         found = np.where(found > 0.0, found, _typical(np.abs(otherwise)))
     return np.where(found > 0.0, found, last)

@@ -234,8 +234,9 @@ class IpoptRuns:
 
     def warm_start(self, transcription: Transcription, near: Result) -> Candidate:
         """Solve near a result, on another mesh."""
-        for barrier in WARM_BARRIERS:
-            warm = {"mu_init": barrier} | self.options | {"max_iter": WARM_ITERATIONS}
+        given = [self.options.get("mu_init", barrier) for barrier in WARM_BARRIERS]
+        for barrier in dict.fromkeys(given):  # the same one twice fails twice
+            warm = self.options | {"mu_init": barrier, "max_iter": WARM_ITERATIONS}
             result = transcription.solve(near.phases, parameters=near.parameters, **warm)
             self._log(transcription, warm, result)
             if result.success:

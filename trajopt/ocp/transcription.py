@@ -40,7 +40,8 @@ IPOPT = {
     "honor_original_bounds": "yes",
 }
 
-QUIET = {"print_time": False, "error_on_fail": False}
+#: No multipliers of the parameters, which are scales: their function would take time to build.
+QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "no_nlp_grad": True}
 
 #: IPOPT's status where the cost falls without bound.
 DIVERGING = "Diverging_Iterates"

@@ -63,8 +63,8 @@ def rests(
     best = min(front, key=lambda gait: gait.cot)
     speeds = [round(gait.speed, 4) for gait in front if gait.speed < best.speed]
     with Store(out / preset, {"params": params.to_dict()}) as store:
-        tasks = {f"{steps}_steps": (params, joint) for steps, joint in first_rests(gaits, best)}
-        gaits += gaits_of(stage(store, "joined", tasks, joined_rest, workers)).values()
+        joints = {f"{steps}_steps": (params, joint) for steps, joint in first_rests(gaits, best)}
+        gaits += gaits_of(stage(store, "joined", joints, joined_rest, workers)).values()
         done = set[str]()
         for most in reversed(WINDOWS):
             while tasks := dict(offers(gaits, most, speeds, done)):

