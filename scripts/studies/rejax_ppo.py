@@ -52,7 +52,6 @@ NOISE, LAST_NOISE, HELD = 0.088, 0.0285, 0.3
 #: this part of the training.
 WEIGHT, LAST_WEIGHT, FALLS = 7.2, 1.7, (0.4, 0.9)
 
-
 #: The layers of an actor in stable-baselines3.
 LAYERS = "mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2", "action_net"
 
@@ -97,7 +96,7 @@ class PriorEnv(RejaxEnv):
     def step(
         self, key: Any, state: EnvState, action: Any, params: Any = None
     ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
-        """The end by time is no end for rejax: then it values another start."""
+        """An end by time is not reported; rejax then bootstraps with the value of another start."""
         params = params or self.default_params
         before = self.potential(self.observe(state))
         final, after, reward, failed, info = self.step_env(key, state, action, params)

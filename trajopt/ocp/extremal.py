@@ -141,7 +141,7 @@ class Extremal:
 
     @property
     def succeeded(self) -> bool:
-        """Whether IPOPT solved the program on the mesh; this says nothing about accuracy."""
+        """Whether IPOPT solved the program on the mesh; that is no measure of accuracy."""
         return self.status == SUCCESS
 
     @property
