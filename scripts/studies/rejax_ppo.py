@@ -33,9 +33,10 @@ with extra("jax"):
     import jax.numpy as jnp
 
     from rimless_gym.jax import EnvState, RejaxEnv
-import optax  # it comes with rejax, as flax does
-from flax import struct
-from rejax import PPO
+with extra("peers"):  # and `make peers`, for rejax
+    import optax
+    from flax import struct
+    from rejax import PPO
 
 #: How long an action is held (s), and how many of them are an episode.
 PERIOD, EPISODE = 0.02, 250
