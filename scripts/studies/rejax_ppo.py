@@ -33,7 +33,7 @@ with extra("jax"):
     import jax.numpy as jnp
 
     from rimless_gym.jax import EnvState, RejaxEnv
-with extra("peers"):  # and `make peers`, for rejax
+with extra("peers"):  # rejax itself by `make peers`
     import optax
     from flax import struct
     from rejax import PPO
@@ -126,8 +126,8 @@ class PriorPPO(PPO):
     def train_iteration(self, state: Any) -> Any:
         """One roll-out and its updates, with the noise and the weight of this moment."""
         done = state.global_step / self.decisions
-        fallen = jnp.clip((done - HELD) / (1 - HELD), 0.0, 1.0)
-        log_std = (1 - fallen) * jnp.log(NOISE) + fallen * jnp.log(LAST_NOISE)
+        late = jnp.clip((done - HELD) / (1 - HELD), 0.0, 1.0)
+        log_std = (1 - late) * jnp.log(NOISE) + late * jnp.log(LAST_NOISE)
         params = {**state.actor_ts.params["params"], "action_log_std": jnp.full(1, log_std)}
         state = state.replace(actor_ts=state.actor_ts.replace(params={"params": params}))
         late = jnp.clip((done - FALLS[0]) / (FALLS[1] - FALLS[0]), 0.0, 1.0)
