@@ -312,8 +312,8 @@ def evaluate_commanded(
 
     Raises:
         TypeError: an argument is of the wrong kind.
-        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
-        RuntimeError: as `evaluate` says.
+        ValueError: no speed is given or one is out of its range; also see `evaluate`.
+        RuntimeError: see `evaluate`.
     """
     speeds = real_array("commands", commands)
     if speeds.ndim != 1 or not len(speeds):

@@ -87,7 +87,7 @@ class LearnerSettings:
 
     @property
     def written(self) -> dict[str, Any]:
-        """Plain JSON values that tell these settings from others."""
+        """Plain JSON values that distinguish these settings from others."""
         return dataclasses.asdict(self)
 
 

@@ -7,7 +7,8 @@ states are that it passes:
 
 - `PotentialShaping` adds the change of a potential to the reward (Ng, Harada and Russell, ICML
   1999): the law's differential value, that is what it will collect from a state on beyond the
-  average reward of its gait. It is level near the gait, where the learner may find a better one.
+  average reward of its gait. It is level above its average on the gait, where the learner may
+  find a better one.
 - `ReferenceStarts` lets some episodes begin in states of the law's walks (reference state
   initialisation: Peng, Abbeel, Levine and van de Panne, SIGGRAPH 2018).
 
@@ -67,8 +68,8 @@ CLUMSY_SECONDS, HELD = 4.0, 0.1
 CURRENTS = (0.05, 0.15, 0.4, 1.0)
 CLUMSY_STARTS = {"rest": 0.2, "moving": 0.5, "whirling": 0.3}
 
-#: Above this value (m), its average on the gait, the potential is level, and below the other; few
-#: states are worse.
+#: The potential is clipped to these (m): above, to its average on the gait; below, where few states
+#: are worse.
 LEVEL, LOWEST = 0.0, -1.6
 
 #: How much lower than anywhere else the potential is after a fall (m).

@@ -12,8 +12,8 @@ the ground's frame (x downhill along the ground, z normal to it)::
 Positive theta swings the pendulum forward, so the pendulum's axis is opposite to the wheel's. At
 zero the wheel stands upright on leg 0 and the pendulum hangs. `joint_state` converts states.
 
-The hub itself is massless. MuJoCo wants every moving body to have a mass, so both files tell it to
-use at least 1e-14 kg (and kg m^2) in place of zeros.
+The hub itself is massless. MuJoCo wants every moving body to have a mass, so both files set a
+least one, 1e-14 kg (and kg m^2), in place of zeros.
 
 Neither format has air drag, idle power, losses that grow with the gear's torque or an impact law,
 so the files leave them out. A touchdown

@@ -114,7 +114,7 @@ def simulate(
             infinity is the pin joint of the thesis (the smallest normal force is reported), 0 ends
             the simulation at loss of contact.
         ground: by how much (rad) the ground from the k-th foothold to the next is steeper than the
-            slope; it is not on both sides of foothold 0, where the wheel starts.
+            slope; 0 for k = -1 and 0, on both sides of the foothold where the wheel starts.
         rtol: relative tolerance of the integrator.
         atol: absolute tolerance of the integrator.
 

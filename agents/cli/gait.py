@@ -23,7 +23,7 @@ from agents.cli.options import (
     require_file,
 )
 
-#: Speeds (m/s) that a report does not tell apart.
+#: Speeds (m/s) that differ by less are the same in a report.
 SAME = 5e-5
 
 

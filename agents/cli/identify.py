@@ -88,7 +88,7 @@ def identify(
     rate: Positive = 1e-2,
     out: MaybePath = None,
 ) -> int:
-    """Identify a machine from a log: its parameters, their errors, and what it does not show.
+    """Identify a machine from a log: its parameters, their errors, and what the log does not show.
 
     A log has the columns time, phi, theta, foot, mode and voltage, and perhaps current, dphi and
     dtheta, as `rimless log` writes them. One that is too short, too still, in other units, or of

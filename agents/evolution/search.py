@@ -178,7 +178,7 @@ Search: TypeAlias = Generator[Request, Answer, _Result]
 
 
 def answered(request: Request, simulator: PolicySimulator, objective: WalkReward) -> Answer:
-    """Simulate the policies of a request, and score them as it says."""
+    """Simulate the policies of a request, and score them as requested."""
     starts = draw_starts(simulator.params, request.starts, request.seed)
     walks = simulator.walk(request.weights, starts, request.duration)
     groups, belongs = _groups(request.groups, walks)

@@ -260,8 +260,7 @@ class WalkReward:
         It is the reward of the window, as a cost of transport is that of a steady walk: the energy
         to get there is several times that of the gait, and would hide it. The penalty for a fall is
         up to twice that of the task, the more the earlier it is. Distance in another family's gait
-        is not rewarded. Only each policy's best starts count, as many of them as `counted` says (a
-        share, at least one start).
+        is not rewarded. Only each policy's best starts count: a share `counted`, at least one.
         """
         time = duration.window * CONTROL_PERIOD
         idle = self.params.idle_power * duration.window * CONTROL_PERIOD

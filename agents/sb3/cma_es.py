@@ -18,11 +18,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.imitation import walk
-from agents.learner import (
-    Callback,
-    PolicyParts,
-    Training,
-)
+from agents.learner import Callback, PolicyParts, Training
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy

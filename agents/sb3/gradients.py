@@ -24,11 +24,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.imitation import walk
-from agents.learner import (
-    Callback,
-    PolicyParts,
-    Training,
-)
+from agents.learner import Callback, PolicyParts, Training
 from agents.rollout import draw_starts, learned_policy
 from agents.sb3.learner import FineTuner, architecture, put_weights, weights_of
 from rimless_gym.checks import extra

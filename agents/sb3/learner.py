@@ -200,7 +200,7 @@ class Sb3Learner(learner.Learner):
     def require_layers(cls, parts: PolicyParts) -> None:
         """Refuse a record that describes other layers than the weights are of.
 
-        A network is as large as the record says, whatever the size of the file.
+        A network is as large as the record describes it, whatever the size of the file.
         """
         described = parts.record["policy_kwargs"]
         units = described.get("net_arch", {})
@@ -237,12 +237,13 @@ class Sb3Learner(learner.Learner):
 
         Without a prior, the actor of a policy to start from stays as it is for a while.
         """
-        figures = LogWalking(self.training.conditions.params, wrapped(self._env, Sb3VecEnv))
+        env = wrapped(self._env, Sb3VecEnv)
+        figures = LogWalking(self.training.conditions.params, env)
         callbacks: list[BaseCallback] = [figures, Forward(callback)]
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            callbacks.append(Anneal(actor, settings.annealed, wrapped(self._env, Sb3VecEnv).env))
+            callbacks.append(Anneal(actor, settings.annealed, env.env))
         elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)

@@ -68,9 +68,9 @@ class Terrain:
     """Rough ground: at every touchdown, the way to the next foothold has a new slope.
 
     Slopes are normally distributed about the machine's slope, as in Byl and Tedrake, "Metastable
-    walking machines" (IJRR 2009), and cut off at `MOST_TURN` leg angles. All angles, forces and
-    clearances stay those of the machine's slope: only the footholds' places vary. The observation
-    does not show what lies ahead.
+    walking machines" (IJRR 2009), and clipped at `rimless_gym.streams.MOST_TURN` leg angles to both
+    sides. All angles, forces and clearances stay those of the machine's slope: only the footholds'
+    places vary. The observation does not show what lies ahead.
 
     Args:
         slope_std: standard deviation of the slope (rad), at most `MOST_ROUGHNESS`.

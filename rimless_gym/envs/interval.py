@@ -70,11 +70,9 @@ def _advance_batch(typing_context, address, arguments):
     def codegen(context, builder, signature, given):
         kinds, convention = tuple(signature.args[1]), context.call_conv
         function = convention.get_function_type(types.none, kinds).as_pointer()
-        address, values = (
-            builder.inttoptr(given[0], function),
-            cgutils.unpack_tuple(builder, given[1]),
-        )
-        convention.call_function(builder, address, types.none, kinds, values)
+        kernel = builder.inttoptr(given[0], function)
+        values = cgutils.unpack_tuple(builder, given[1])
+        convention.call_function(builder, kernel, types.none, kinds, values)
         return context.get_dummy_value()
 
     return types.none(types.int64, arguments), codegen

@@ -60,7 +60,7 @@ Memory = record(
     "Memory",
     [
         *HybridState._fields,
-        *Ground._fields,  # next to the state, where the kernel looks for it
+        *Ground._fields,  # next to the state, where the kernel reads it
         *("voltage", "action", "time", "count", "delay"),
         *TaskParams._fields,
         *Weights._fields,

@@ -107,7 +107,7 @@ class WheelEnv:
         dtype: "float32" or "float64".
 
     Raises:
-        ValueError: an argument is out of its range, or JAX has not been told to use float64.
+        ValueError: an argument is out of its range, or float64 is not enabled in JAX.
     """
 
     params: GivenMachine = BUILDABLE
@@ -274,9 +274,8 @@ class RejaxEnv(WheelEnv):
         self, key: Any, state: EnvState, action: Any, params: EnvParams | None = None
     ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
         """(observation, state, reward, done, info); begins the next episode."""
-        *after, terminated, truncated, info = super().step(key, state, action, params)
-        observation, state, reward = after
-        return observation, state, reward, terminated | truncated, info
+        seen, after, reward, failed, late, info = super().step(key, state, action, params)
+        return seen, after, reward, failed | late, info
 
 
 def brax_env(env: WheelEnv) -> Any:

@@ -175,11 +175,11 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 
     A hybrid state is the first STATE_SIZE rows of a column; if there are more rows, the next ones
-    are its `Ground`. All wheels have the same machine, with
-    `constants` (N_CONSTANTS, 1) and `poles` (1,), or each has its own, with (N_CONSTANTS, N) and
-    (N,). The first len(ROW) rows of `out` are overwritten (`rimless_gym.energy.ROW`); it has as
-    many columns as `states`. `pull` is the largest force (N) with which the ground holds a foot
-    down: 0, or infinity for a pin joint. `work` is `scratch()`, one per thread.
+    are its `Ground`. All wheels have the same machine, with `constants` (N_CONSTANTS, 1) and
+    `poles` (1,), or each has its own, with (N_CONSTANTS, N) and (N,). The first len(ROW) rows of
+    `out` are overwritten (`rimless_gym.energy.ROW`); it has as many columns as `states`. `pull` is
+    the largest force (N) with which the ground holds a foot down: 0, or infinity for a pin joint.
+    `work` is `scratch()`, one per thread.
     """
     one_copy()
     flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]

@@ -57,7 +57,7 @@ class Scene:
         theta: pendulum's angle from the ground's normal (rad).
         mode: `rimless_gym.equations.SINGLE` or `DOUBLE`; decides which feet light up.
         foot_x: stance foot's position along the ground (m).
-        foot_y: its height (m), not 0 on rough ground only.
+        foot_y: its height (m); 0 on even ground.
         ground: footholds, x + iy (m), in order of x; empty on even ground.
         voltage: motor voltage (V), shown as a bar; None leaves it out, as for the texts below.
         time: time (s), shown as text.

@@ -23,7 +23,7 @@ from agents.cli.options import Count, MaybePath
 from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.envs.starts import draw_start
-from rimless_gym.export import joint_state, to_mjcf
+from rimless_gym.export import TIMESTEP, joint_state, to_mjcf
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import HybridState, advance, hybrid_states
 from rimless_gym.presets import preset
@@ -112,7 +112,7 @@ def table(found: dict[str, Any]) -> str:
         "kernel": f"compiled simulator, {found['cores']} cores",
         "float32": "float32, RK4",
         "float64": "float64, DOP853",
-        "mjx": "MJX, float32, steps of 0.5 ms",
+        "mjx": f"MJX, float32, steps of {1000 * TIMESTEP:g} ms",
     }
     rows = [[titles[by], f"{n:,}", *cell] for (by, n), cell in cells.items()]
     head = ["", "rows at once", "walks (1/s)", "random play (1/s)"]

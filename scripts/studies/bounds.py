@@ -34,8 +34,8 @@ REGION, ENERGY = np.array([(C.a, C.b), (-math.pi, math.pi), (-4.0, 8.0), (-30.0,
 #: drawn beyond the region, and brought to its border; rounds of the last measurement.
 SAMPLES, FRESH, BEYOND, LAST = 20, 40_000, 0.15, 8
 
-#: Limits of the voltage are widened by this (N; rad/s^2 on two feet): a voltage at which one is
-#: reached is interpolated, because limits are nearly linear only.
+#: Limits of the voltage are widened by this (N; rad/s^2 on two feet): the voltage at which one is
+#: reached is interpolated, and limits are only nearly linear.
 RELAXED = 0.1
 
 #: The region's cells. The worst state of a cell counts if its margin is below `NEARLY`, in at most

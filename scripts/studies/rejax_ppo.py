@@ -33,9 +33,10 @@ with extra("jax"):
     import jax.numpy as jnp
 
     from rimless_gym.jax import EnvState, RejaxEnv
-import optax  # it comes with rejax, as flax does
-from flax import struct
-from rejax import PPO
+with extra("peers"):  # rejax itself by `make peers`
+    import optax
+    from flax import struct
+    from rejax import PPO
 
 #: How long an action is held (s), and how many of them are an episode.
 PERIOD, EPISODE = 0.02, 250
@@ -51,7 +52,6 @@ NOISE, LAST_NOISE, HELD = 0.088, 0.0285, 0.3
 #: How many times as much as the reward the potential counts: at first, and in the end. It falls in
 #: this part of the training.
 WEIGHT, LAST_WEIGHT, FALLS = 7.2, 1.7, (0.4, 0.9)
-
 
 #: The layers of an actor in stable-baselines3.
 LAYERS = "mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2", "action_net"
@@ -97,7 +97,7 @@ class PriorEnv(RejaxEnv):
     def step(
         self, key: Any, state: EnvState, action: Any, params: Any = None
     ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
-        """The end by time is no end for rejax: then it values another start."""
+        """An end by time is not reported; rejax then bootstraps with the value of another start."""
         params = params or self.default_params
         before = self.potential(self.observe(state))
         final, after, reward, failed, info = self.step_env(key, state, action, params)
@@ -126,8 +126,8 @@ class PriorPPO(PPO):
     def train_iteration(self, state: Any) -> Any:
         """One roll-out and its updates, with the noise and the weight of this moment."""
         done = state.global_step / self.decisions
-        fallen = jnp.clip((done - HELD) / (1 - HELD), 0.0, 1.0)
-        log_std = (1 - fallen) * jnp.log(NOISE) + fallen * jnp.log(LAST_NOISE)
+        late = jnp.clip((done - HELD) / (1 - HELD), 0.0, 1.0)
+        log_std = (1 - late) * jnp.log(NOISE) + late * jnp.log(LAST_NOISE)
         params = {**state.actor_ts.params["params"], "action_log_std": jnp.full(1, log_std)}
         state = state.replace(actor_ts=state.actor_ts.replace(params={"params": params}))
         late = jnp.clip((done - FALLS[0]) / (FALLS[1] - FALLS[0]), 0.0, 1.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +66,7 @@ def terrain(
         walks: of each policy at each roughness, which begin on the gait.
         seconds: length of these walks.
         out: folder of the LQR's start-up controller.
-        docs: a page, docs/environment.md, to put the tables into.
+        docs: docs/environment.md, to write the tables into.
     """
     lines = []
     for degrees in ROUGHNESS:
@@ -126,8 +125,9 @@ def first_passage(params: WheelParams, slope_std: float, cells: int = 400) -> fl
     return float(np.interp(cycle(params), x, times))
 
 
-def passive_walks(slope_std: float, stops: int, most_steps: int, rows: int = 256) -> Sequence[int]:
+def passive_walks(slope_std: float, stops: int, most_steps: int) -> tuple[int, int]:
     """Steps taken in all, and how often the passive wheel stopped; it then begins another walk."""
+    rows = 256
     envs = RimlessWheelVectorEnv(
         *(rows, PASSIVE),
         disturbances={"terrain": {"slope_std": slope_std}},

@@ -1,4 +1,4 @@
-"""RLlib trains in the environment, registered as its documentation says."""
+"""RLlib trains in the environment, registered as its documentation describes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""skrl trains with PPO in our rows, wrapped as its documentation says."""
+"""skrl trains with PPO in our rows, wrapped as its documentation describes."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ class Brief(Trained):
 
 
 def weights(policy: Path) -> dict[str, bytes]:
-    """What a policy's file has besides its record, which says how long the training took."""
+    """What a policy's file has besides its record, which has how long the training took."""
     with np.load(policy) as file:
         return {n: file[n].tobytes() for n in file.files if n not in (HEADER, DIGEST)}
 

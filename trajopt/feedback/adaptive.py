@@ -50,8 +50,8 @@ from trajopt.gaits.solution import Solution
 from trajopt.identification.fit import Noise, identify
 from trajopt.identification.log import Log, LogError
 
-#: A machine so many steps away (the root of the sum of squares) has its gait solved for, which
-#: takes so long (s); until then it has the table's law, and then the table's with a correction.
+#: A machine so many steps away (the root of the sum of squares) has its gait solved for, which is
+#: used so long after the fit (s); until then it has the table's law, then that with a correction.
 FAR, PLANNING = 2.5, 4.0
 
 #: After so many fits the wanted gait is solved for, where it is not the table's: each time, about
@@ -106,7 +106,7 @@ class Approach(NamedTuple):
 
 
 def sturdy(gait: Solution) -> Solution:
-    """The gait itself or, if it lands more slowly than `LANDING`, one with longer steps."""
+    """The gait itself or, if it lands more slowly than `LANDING`, one whose steps last longer."""
     slower: Solution | None = gait
     while slower and min(each.states[-1, -1, 2] for each in slower.phases) < LANDING:
         gait, slower = slower, own_gait(slower, slower.params, 1)
@@ -165,8 +165,9 @@ class AdaptiveController:
     def efficient_law(self, params: WheelParams) -> Floats | None:
         """The law about a machine's own gait, with a step of the wanted time or of a longer one.
 
-        It is that of least cost, among the first gaits to which a simulated walk comes from the
-        gait that is walked first, and on which it stays; flat. None where there is none.
+        Steps are made longer until that costs more than the best gait so far. Only gaits count to
+        which simulated walks come from the gait that is walked first, and on which they stay. The
+        law is flat; None if there is no such gait.
         """
         assert self.wanted is not None
         first, wanted = self.first.gait, self.wanted.gait
@@ -220,7 +221,7 @@ class AdaptiveWalks:
     Attributes:
         machines: what each is taken to be.
         identified: how often each has been identified.
-        plans: the gait of each that was solved for and is in use, or None.
+        plans: the plan of each that is in use, or None.
         tick: how many decisions were made.
     """
 
@@ -229,7 +230,7 @@ class AdaptiveWalks:
         self.machines = [controller.params] * n
         self.identified = np.zeros(n, dtype=np.int64)
         self._data = [controller.table.law.data] * n
-        self.plans: list[Plan | None] = [None] * n  # in use
+        self.plans: list[Plan | None] = [None] * n
         self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table
         self._covariance = np.full(

@@ -76,9 +76,8 @@ def motor_deficit(params: WheelParams, speed: float, turns_per_step: float) -> f
     """Mean power (W) that the motor is short of, at its voltage limit, in a periodic motion.
 
     What the motor can do beyond friction and damping is concave in |psi'|, so its mean is at most
-    that at the mean rate, or at the faster rate at which it is largest. What it cannot supply of
-    the other losses is a proof that there is no such motion; that nothing is short does not prove
-    that there is one.
+    that at the mean rate, or at the faster rate at which it is largest. If that is less than the
+    other losses, there is no such motion; if it is not, that does not prove that there is one.
 
     Args:
         params: the machine.

@@ -83,7 +83,7 @@ class Solved(NamedTuple):
 
 
 class NoGaitError(ValueError):
-    """No gait was found; the message says what binds and what to try."""
+    """No gait was found; the message has what binds and what to try."""
 
 
 def periodic_gait(

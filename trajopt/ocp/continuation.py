@@ -230,7 +230,7 @@ class Curve:
     Attributes:
         values: of the parameter, in order; among them are all values asked for that were reached.
         solutions: one for each value. IPOPT succeeded for all of them; only
-            `Extremal.converged` tells whether the mesh is fine enough.
+            `Extremal.converged` shows whether the mesh is fine enough.
         obstacle: why the goal was not reached; None if it was.
     """
 

@@ -141,7 +141,7 @@ class Extremal:
 
     @property
     def succeeded(self) -> bool:
-        """Whether IPOPT solved the program on the mesh; this says nothing about accuracy."""
+        """Whether IPOPT solved the program on the mesh; that is no measure of accuracy."""
         return self.status == SUCCESS
 
     @property
@@ -296,7 +296,7 @@ class Extremal:
         return "; ".join(parts)
 
     def plot(self) -> Figure:
-        """The solution by time: states and controls, and beside them what tells of optimality.
+        """The solution by time: states and controls, and beside them what shows optimality.
 
         Beside a state is its costate, beside a control its switching function, the derivative of
         the Hamiltonian: where it is positive, less of the control would cost less. Thin lines are

@@ -1,6 +1,6 @@
 """Multi-start: a problem has many local optima, and only trying finds the good ones.
 
-Every start is solved once, on one coarse mesh that all of them share. That is quick, and it tells
+Every start is solved once, on one coarse mesh that all of them share. That is quick, and separates
 good optima from bad ones. `best_of` refines and verifies the best.
 """
 

@@ -194,7 +194,7 @@ def breaks(trajectory: PhaseTrajectory, element: int, scales: PhaseScales) -> li
     one to the other, at the place that leaves the element's mean control as it is. A jump near an
     edge is moved inwards, so that the larger piece surely has none. Of several controls the one
     with the largest break counts, or the first of those that tie. Controls that are linear on every
-    element have kinks at all edges, and nothing tells where others are.
+    element have kinks at all edges, and where others are is not known.
     """
     u, h = trajectory.controls, trajectory.element_durations
     if not u.shape[-1] or len(trajectory.control_nodes) < 3:

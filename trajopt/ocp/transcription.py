@@ -97,7 +97,7 @@ def interruptible() -> Iterator[None]:
     """Make Ctrl-C in this context raise KeyboardInterrupt, at the latest at the context's end.
 
     Without it, CasADi's wrappers lose about one Ctrl-C in ten, or turn it into a SystemError. What
-    CasADi itself says of it on stderr is not shown.
+    CasADi itself prints about it on stderr is not shown.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

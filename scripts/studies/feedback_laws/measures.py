@@ -301,7 +301,7 @@ def pushes(subject: Subject) -> dict[str, Any]:
 def _bracket(row: Floats, good: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Of rising impulses (m,): the last before the first not survived, and that one.
 
-    `good` (states, m) says which are survived, from each state.
+    `good` (states, m): which are survived, from each state.
     """
     failing = np.where(good.all(axis=1), len(row), good.argmin(axis=1))
     low, high = row[np.maximum(failing - 1, 0)], row[np.minimum(failing, len(row) - 1)]

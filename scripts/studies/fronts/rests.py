@@ -67,7 +67,7 @@ def rests(
         gaits += gaits_of(stage(store, "joined", joints, joined_rest, workers)).values()
         done = set[str]()
         for most in reversed(WINDOWS):
-            while tasks := dict(offers(gaits, most, speeds, done)):
+            while tasks := dict(continuations(gaits, most, speeds, done)):
                 found = stage(store, "rests", tasks, continued_to, workers)
                 gaits += gaits_of(found).values()
                 done |= found.keys()
@@ -103,7 +103,7 @@ def joined_rest(params: WheelParams, joint: Joint) -> Solution | str:
     return polish(params, gait) if gait else "no gait on the search's mesh"
 
 
-def offers(
+def continuations(
     gaits: Iterable[Solution], most: int, speeds: Sequence[float], done: set[str]
 ) -> Iterator[tuple[str, tuple[Solution, float]]]:
     """Strides of up to so many steps that should cost less than others at the next speed.
@@ -118,8 +118,8 @@ def offers(
         expected = gait.cot + idle * (1 / speed - 1 / gait.speed)
         least = best[speed].cot if speed in best else math.inf
         key = f"{gait.steps}_steps_k{gait.theta_turns}_{gait.speed:.4f}_{gait.cot:.6g}_{speed:.4f}"
-        promises = expected < (1 - WORTH) * least and key not in done
-        if promises and (gait.steps >= LONG or distance_to_rest(gait.phases)[0] < NEAR_REST):
+        saves = expected < (1 - WORTH) * least and key not in done
+        if saves and (gait.steps >= LONG or distance_to_rest(gait.phases)[0] < NEAR_REST):
             yield key, (gait, speed)
 
 

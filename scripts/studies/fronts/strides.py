@@ -109,7 +109,7 @@ def continuations(results: SearchResults, speeds: Iterable[float]) -> Iterator[T
 
 
 def guesses(results: SearchResults, speeds: Iterable[float], steps: int) -> Iterator[Task]:
-    """Joints that promise a low cost: of one-step gaits, all but one alike; of a stride and one."""
+    """Joints of low expected cost: of one-step gaits, all but one alike; of a stride and one."""
     found = list(results.of_seed(LAST))
     ones = [gait for here in found if here.place.steps == 1 for gait in here.gaits]
     shorter = [gait for here in found if here.place.steps == steps - 1 for gait in here.gaits]

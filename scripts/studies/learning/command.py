@@ -155,7 +155,7 @@ def ran(store: Store, protocol: Protocol, task: SeedTask) -> SeedResult | str:
 def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     """The results of the first seeds of each row, up to one that is missing; none of too few.
 
-    So a row says how many seeds it has, and none was chosen.
+    So the number of a row's seeds is known, and none was chosen.
     """
     results: dict[StudyRow, list[SeedResult]] = {}
     for row in rows:

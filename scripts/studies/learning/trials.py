@@ -89,8 +89,8 @@ class Trained:
     """A training by `agents.train`, on `RimlessWheel-v0`."""
 
     algo: str  # name of the learner
-    init: str = SCRATCH  # "scratch" or "imitation", which also says whose hyperparameters are used
-    timesteps: int | None = None  # time steps; None: as many as the learner says
+    init: str = SCRATCH  # "scratch" or "imitation", whose hyperparameters are used
+    timesteps: int | None = None  # time steps; None: the learner's own number
     # what distinguishes a policy -> its file in the training's folder
     files: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"": BEST})
     _: dataclasses.KW_ONLY

@@ -357,10 +357,10 @@ def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
 def test_a_stride_is_continued_where_it_should_cost_less_and_no_work_is_done_twice() -> None:
     gait = min(shipped_front(BUILDABLE).envelope, key=lambda gait: abs(gait.speed - 0.2))
     assert rests.distance_to_rest(gait.phases)[0] < rests.NEAR_REST
-    tasks = dict(rests.offers([gait], gait.steps, [0.15, 0.2, 0.3, 0.4], set()))
+    tasks = dict(rests.continuations([gait], gait.steps, [0.15, 0.2, 0.3, 0.4], set()))
     assert sorted(speed for _, speed in tasks.values()) == [0.15, 0.3]
-    assert not dict(rests.offers([gait], gait.steps, [0.15, 0.2, 0.3], set(tasks)))
-    rested = dict(rests.offers(shipped(BUILDABLE), gait.steps, [0.15, 0.2], set()))
+    assert not dict(rests.continuations([gait], gait.steps, [0.15, 0.2, 0.3], set(tasks)))
+    rested = dict(rests.continuations(shipped(BUILDABLE), gait.steps, [0.15, 0.2], set()))
     assert not rested  # the stride there rests longer already
     shorter = rests.resting_shorter(gait.phases, 1.0)
     duration = sum(phase.duration for phase in shorter)

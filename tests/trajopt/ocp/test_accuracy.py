@@ -112,9 +112,9 @@ def test_the_error_of_the_cost_is_what_its_quadrature_misses() -> None:
     transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
     result = transcription.solve(straight_lines(problem))
     scales = result.scales
-    paid = resimulate(problem, result.phases, NONE, scales).cost
+    cost = resimulate(problem, result.phases, NONE, scales).cost
     errors = cost_errors(transcription, result, scales)[0]
-    assert errors.sum() * (scales.cost + result.cost) == pytest.approx(result.cost - paid, rel=1e-9)
+    assert errors.sum() * (scales.cost + result.cost) == pytest.approx(result.cost - cost, rel=1e-9)
 
 
 def test_the_quadrature_of_bounded_integrals_is_checked_too() -> None:

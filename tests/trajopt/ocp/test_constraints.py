@@ -166,7 +166,7 @@ def test_a_path_constraint_on_control_and_state_together_binds_at_every_scheme(
 
 @pytest.mark.parametrize(("floor", "least"), [(-FREE, -1e-6), (0.5, 0.6)])
 def test_a_floor_says_which_powers_count(floor: float, least: float) -> None:
-    """Without a floor, braking returns all; with 0.5 W, at least that is paid all the time."""
+    """Without a floor, braking returns all; with 0.5 W, at least that is drawn all the time."""
     phase = dataclasses.replace(textbook.least_work_move().phases[0], floor=floor)
     found = solve_once(Problem((phase,)))
     assert least < found.transcribed_cost < least + 0.4

@@ -1,4 +1,4 @@
-"""Solutions are followed along a parameter, and a curve that ends early says why."""
+"""Solutions are followed along a parameter, and a curve that ends early has the reason."""
 
 from __future__ import annotations
 

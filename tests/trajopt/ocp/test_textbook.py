@@ -136,10 +136,10 @@ def test_the_swing_up_satisfies_pontryagins_conditions_found_another_way() -> No
     flow, u = problem.phases[0].flow, ca.SX.sym("u")
     pushed = ca.jacobian(flow(x, u, ca.SX(0, 1)), u)
     best = -0.5 * ca.dot(costates, pushed)
-    pays = best**2 + ca.dot(costates, flow(x, best, ca.SX(0, 1)))
+    least = best**2 + ca.dot(costates, flow(x, best, ca.SX(0, 1)))
     fixed = u**2 + ca.dot(costates, flow(x, u, ca.SX(0, 1)))
     slope = ca.substitute(-ca.gradient(fixed, x), u, best)
-    rhs = ca.Function("rhs", [x, costates], [ca.vertcat(ca.gradient(pays, costates), slope), best])
+    rhs = ca.Function("rhs", [x, costates], [ca.vertcat(ca.gradient(least, costates), slope), best])
 
     def shot(costate: np.ndarray) -> np.ndarray:
         def rates(t: float, y: np.ndarray) -> np.ndarray:
