@@ -132,6 +132,8 @@ def hyperparameters(
     signature = inspect.signature(algorithm).parameters
     taken = {name: value for name, value in signature.items() if name not in NOT_OURS}
     require_known(changes, [*ENVIRONMENTS, *taken])
+    if init != PRIOR and (unused := [name for name in ANNEALED if name in changes]):
+        raise ValueError(f"{unused[0]}: changes only in a training with a prior; leave it out")
     for name, value in changes.items():
         if name in taken and taken[name].annotation in PLAIN:
             PLAIN[taken[name].annotation](name, value)

@@ -46,6 +46,7 @@ HELD = "agents.sb3.wrappers.HeldActions"
         ({"n_envs": "x"}, TypeError, "n_envs = 'x': must be an integer of at least 1"),
         ({"gamma": "x"}, TypeError, "gamma = 'x': must be a real number"),
         ({"learning_rate": -1.0}, ValueError, r"learning_rate = -1\.0: must be"),
+        ({"noise": {"first": 0.1}}, ValueError, "noise: changes only in a training with a prior"),
         ({"learning_rate": "cos_1"}, ValueError, "learning_rate = 'cos_1': write lin_"),
         ({"env_wrapper": ["gym.Other"]}, ValueError, r"env_wrapper: lists \['gym.Other'\]"),
         ({"vec_env_wrapper": ["agents.Other"]}, ValueError, "vec_env_wrapper: 'agents.Other'"),
