@@ -10,7 +10,7 @@ import pytest
 
 from agents.rollout import draw_starts, logged
 from rimless_gym import BUILDABLE
-from trajopt import Log, LogError, Noise, identify
+from trajopt import Identification, Log, LogError, Noise, identify
 from trajopt.identification.fit import PHYSICAL
 
 CHANGED = {"pendulum_length": 0.1463, "leg_length": 0.2955, "motor_constant": 0.0222}
@@ -44,19 +44,16 @@ def test_the_machine_is_found_within_the_errors_that_are_reported(log: Log) -> N
 def test_without_a_current_the_scale_of_masses_is_not_identifiable(log: Log) -> None:
     """Masses, friction and 1 / resistance may all be larger by the same share."""
     bare = dataclasses.replace(log, current=None, dphi=None, dtheta=None)
-    found = identify(bare, BUILDABLE)
-    scale = {name: 1.0 for name in PHYSICAL if "mass" in name or "inertia" in name}
-    scale |= {"hub_friction": 1.0, "armature_resistance": -1.0}
-    scale = {name: share / np.sqrt(len(scale)) for name, share in scale.items()}
-    parts = [
-        sum(each.get(n, 0.0) * share for n, share in scale.items()) for each in found.unidentifiable
-    ]
-    assert np.linalg.norm(parts) > 0.98
-    with_current = [
-        sum(each.get(n, 0.0) * share for n, share in scale.items())
-        for each in identify(log, BUILDABLE).unidentifiable
-    ]
-    assert np.linalg.norm(with_current) < 0.8
+    together = {name: 1.0 for name in PHYSICAL if "mass" in name or "inertia" in name}
+    together |= {"hub_friction": 1.0, "armature_resistance": -1.0}
+
+    def uncertainty(found: Identification) -> float:
+        """The standard deviation in this direction, as a share of the one before."""
+        direction = np.array([together.get(name, 0.0) for name in found.free]) / found.tolerance
+        return np.sqrt(direction @ found.covariance @ direction) / np.sqrt(len(together))
+
+    assert uncertainty(identify(bare, BUILDABLE)) > 0.99
+    assert uncertainty(identify(log, BUILDABLE)) < 0.8
 
 
 def test_a_slope_is_one_more_unknown() -> None:
