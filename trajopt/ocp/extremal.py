@@ -20,7 +20,6 @@ from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.certificate import Certificate
 from trajopt.ocp.constraints import Violation, pair
-from trajopt.ocp.layout import evaluated
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.pontryagin import PLACES, View
 from trajopt.ocp.problem import Problem
@@ -45,10 +44,14 @@ MEANINGLESS = 0.1
 #: IPOPT's status for a success.
 SUCCESS = "Solve_Succeeded"
 
-#: Numbers of one problem differ by less than this on all processors: relative, and absolute.
-SAME_NUMBERS, ROUNDING = 1e-9, 1e-13
+#: Numbers of one problem differ by less than this (relative) on all processors.
+SAME_NUMBERS = 1e-9
 
-FORMAT = "trajopt extremal 5"
+#: Functions of two problems are compared at so many places along a solution, and at as many that
+#: are so far away, relative to its scales.
+SAMPLES, RADII = 8, (0.0, 0.1, 1.0, 10.0)
+
+FORMAT = "trajopt extremal 6"
 
 REMEDY = "copy it again, or solve its problem again"
 
@@ -351,7 +354,8 @@ class Extremal:
         """
         attributes = dataclasses.asdict(dataclasses.replace(self, problem=None))  # type: ignore[arg-type]
         arrays: dict[str, Any] = {}
-        attributes["numbers"] = _numbers(self.problem, self.phases, self.parameters)
+        units = attributes["units"] = self.scales.flat
+        attributes["numbers"] = _numbers(self.problem, self.phases, self.parameters, units)
         header = {"names": _names(self.problem), "attributes": split(attributes, arrays)}
         write_arrays(path, FORMAT, header, arrays)
 
@@ -366,14 +370,9 @@ class Extremal:
         """
         names, attributes = _read(path)
         phases, numbers = _phases(attributes), attributes.pop("numbers")
+        units, p = attributes.pop("units"), attributes["parameters"]
         other = "names or constraints" if names != _names(problem) else ""
-        if not other and not np.allclose(
-            numbers,
-            _numbers(problem, phases, attributes["parameters"]),
-            rtol=SAME_NUMBERS,
-            atol=ROUNDING,
-            equal_nan=True,
-        ):
+        if not other and not _same(numbers, _numbers(problem, phases, p, units)):
             other = "bounds, linkages or functions"
         if other:
             raise ExtremalFileError(
@@ -436,41 +435,56 @@ def _names(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> Array:
-    """All numbers of a problem, and what its functions return at places along and off a solution.
+def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, units: Array) -> Array:
+    """All numbers of a problem, and what its functions return along and around a solution.
 
-    Problems of the same names with the same numbers are the same, though traced elsewhere.
+    Every row is one quantity at `SAMPLES` places; `units` are `Scales.flat`. Problems of the same
+    names with the same numbers are the same, though traced elsewhere.
     """
+    rng = np.random.default_rng(0)
+    sizes = [n for each in problem.phases for n in (len(each.states), len(each.controls), 1)]
+    *of_phases, of_p, _ = np.split(units, np.cumsum([*sizes, len(p)]))
     numbers: list[Any] = [pair(problem.duration), *map(pair, problem.parameters.values())]
     numbers += [problem.offset(link) for link in problem.linkages]
     if problem.boundary is not None:
         numbers += [problem.boundary.lower, problem.boundary.upper]
-    for off in (0.0, 0.1):  # relative
-        starts, ends = ([(1 + off) * getattr(t, e) for t in phases] for e in ("start", "end"))
-        for link in problem.linkages:
-            numbers.append(link.map(ends[link.source], p))
-        durations = [t.duration for t in phases]
-        at_all_ends: list[Any] = [problem.endpoint_cost]
-        if problem.boundary is not None:
-            at_all_ends.append(problem.boundary.function)
-        for function in filter(None, at_all_ends):
-            numbers.append(function(np.concatenate(starts), np.concatenate(ends), durations, p))
-        for phase, path, x0, x1 in zip(problem.phases, phases, starts, ends, strict=True):
-            times = path.duration * np.linspace(0.05, 0.95, 7)
-            x, u = ((1 + off) * read(times) + off for read in (path.state, path.control))
-            along = (
-                phase.flow,
-                phase.cost,
-                phase.powers,
-                *(c and c.function for c in phase.constraints[:2]),
-            )
-            numbers += [evaluated(f, x, u, p) for f in along if f]
-            at_ends = zip((phase.at_start, phase.at_end), (x0, x1), strict=True)
-            numbers += [c.function(x, p) for c, x in at_ends if c]
     for phase in problem.phases:
         numbers += [*phase.control_bounds(), pair(phase.duration), [phase.floor]]
         for end in ("all along", "start", "end"):
             numbers += phase.state_bounds(end)
         for constraint in filter(None, phase.constraints):
             numbers += [constraint.lower, constraint.upper]
-    return np.concatenate([np.ravel(np.asarray(each, dtype=float)) for each in numbers])
+    rows: list[Any] = [np.repeat(np.concatenate(numbers)[:, None], SAMPLES, axis=1)]
+    for radius in RADII:
+
+        def around(values: Any, unit: Array, radius: float = radius) -> Array:
+            moved = radius * unit[:, None] * rng.uniform(-1.0, 1.0, (len(unit), SAMPLES))
+            return np.asarray(np.reshape(values, (len(unit), -1)) + moved)
+
+        parameters, starts, ends, durations = around(p, of_p), [], [], []
+        for i, (phase, path) in enumerate(zip(problem.phases, phases, strict=True)):
+            of_x, of_u, of_duration = of_phases[3 * i : 3 * i + 3]
+            times = path.duration * np.linspace(0.05, 0.95, SAMPLES)
+            x, u = around(path.state(times).T, of_x), around(path.control(times).T, of_u)
+            starts.append(around(path.start, of_x))
+            ends.append(around(path.end, of_x))
+            durations.append(around(path.duration, of_duration))
+            along, integrals, at_start, at_end = (c and c.function for c in phase.constraints)
+            functions = phase.flow, phase.cost, phase.powers, along, integrals
+            rows += [function(x, u, parameters) for function in functions if function]
+            rows += [at_start(starts[-1], parameters)] if at_start else []
+            rows += [at_end(ends[-1], parameters)] if at_end else []
+        everything = *map(np.vstack, (starts, ends, durations)), parameters
+        of_all = problem.endpoint_cost, problem.boundary and problem.boundary.function
+        rows += [function(*everything) for function in of_all if function]
+        rows += [link.map(ends[link.source], parameters) for link in problem.linkages]
+    return np.vstack([np.asarray(each) for each in rows])
+
+
+def _same(one: Array, other: Array) -> bool:
+    """Whether two tables of `_numbers` differ by no more than rounding, relative to each row."""
+    finite = np.where(np.isfinite(one), np.abs(one), 0.0)
+    rounding = SAME_NUMBERS * finite.max(axis=1, keepdims=True)
+    return one.shape == other.shape and bool(
+        np.isclose(one, other, rtol=0.0, atol=rounding, equal_nan=True).all()
+    )
