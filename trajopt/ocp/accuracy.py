@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -15,13 +16,16 @@ from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.problem import Phase, Problem
-from trajopt.ocp.scaling import PhaseScales, Scales, scales_of
+from trajopt.ocp.scaling import PhaseScales, Scales, jacobian, scales_of
 from trajopt.ocp.schemes import full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
 
 #: By how much refining the mesh may raise the cost of one and the same optimum (relative).
 SAME_COST = 5e-3
+
+#: IPOPT's status where a function or a derivative is not finite.
+UNDEFINED = "Invalid_Number_Detected"
 
 #: Steps of the 8th-order integrator per element.
 STEPS = 2
@@ -65,10 +69,13 @@ class Candidate:
         """Largest error of the states within an element; see `Quality.state_error`."""
         return float(max(quality.state_error.max() for quality in self.qualities))
 
-    @property
-    def overshoot(self) -> float:
-        """Largest violation of a path constraint between the nodes, relative."""
-        return float(max(quality.path_violation.max() for quality in self.qualities))
+    @cached_property
+    def limits(self) -> tuple[Violation, ...]:
+        """Limits that are violated between the nodes, worst first; see `audit`."""
+        result, problem = self.result, self.transcription.problem
+        solution = result.phases, result.parameters
+        slopes = _undefined(problem, *solution, jacobian) if result.status == UNDEFINED else []
+        return (*slopes, *audit(problem, *solution, self.scales))
 
     def costs_more_than(self, other: Candidate) -> bool:
         """Whether it costs so much more that it must be another optimum."""
@@ -225,22 +232,30 @@ def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     return basis @ trajectory.states, slope @ trajectory.states, controls
 
 
-def _undefined(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> list[Violation]:
-    """Every function's first time at which it is not finite."""
+def _undefined(
+    problem: Problem,
+    phases: Sequence[PhaseTrajectory],
+    p: Array,
+    of: Callable[[Any], Any] = lambda function: function,
+) -> list[Violation]:
+    """Every function's first time at which it, or its Jacobian, is not finite."""
     violations = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
         x, _, u = _dense(trajectory)
         for kind in ("flow", "cost", "powers", "path", "integral"):
-            function = getattr(phase, kind)
-            if function is None:
+            given = getattr(phase, kind)
+            if given is None:
                 continue
-            names = phase.states if kind == "flow" else getattr(function, "names", None)
-            values = evaluated(getattr(function, "function", function), x, u, p)
-            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1))):
-                time = float(times[~np.isfinite(values[..., row])].min())
+            names = phase.states if kind == "flow" else getattr(given, "names", None)
+            function = getattr(given, "function", given)
+            values = evaluated(of(function), x, u, p)
+            values = values.reshape(*values.shape[:2], -1, function.size1_out(0))
+            called = kind if of(function) is function else f"derivative of {kind}"
+            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1, 2))):
+                time = float(times[~np.isfinite(values[..., row]).all(axis=-1)].min())
                 name = names[row] if names else ""
-                violations.append(Violation(kind, name, phase.name, time, math.inf, math.inf))
+                violations.append(Violation(called, name, phase.name, time, math.inf, math.inf))
     return violations
 
 

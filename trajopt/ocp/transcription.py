@@ -41,7 +41,7 @@ IPOPT = {
 }
 
 #: No multipliers of the parameters, which are scales: their function would take time to build.
-QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "no_nlp_grad": True}
+QUIET = dict.fromkeys(("print_time", "error_on_fail", "calc_lam_p", "show_eval_warnings"), False)
 
 #: IPOPT's status where the cost falls without bound.
 DIVERGING = "Diverging_Iterates"
@@ -164,7 +164,7 @@ class Transcription:
         """IPOPT on the scaled program, with options over `IPOPT`."""
         key = repr(sorted(options.items()))
         if key not in self._solvers:
-            settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
+            settings: dict[str, Any] = {"ipopt": IPOPT | options, "no_nlp_grad": True, **QUIET}
             settings |= self._scaled.derivatives
             try:
                 self._solvers[key] = ca.nlpsol("nlp", "ipopt", self._scaled.symbols, settings)
