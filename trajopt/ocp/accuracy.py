@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate
+from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate, limits_on_grid
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.problem import Phase, Problem
@@ -133,9 +133,9 @@ def assess(
     integral = np.cumsum(trapezia, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
-    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p, scales)
-    path = paths[0][2].max(axis=1) if paths else np.zeros((len(states), 1))
-    outside = np.concatenate([of_states, of_controls], axis=-1)
+    limits = [outside for _, _, outside in limits_on_grid(phase, trajectory, p, scales)]
+    path = np.maximum(limits[2].max(axis=1), 0.0) if limits[2:] else np.zeros((len(states), 1))
+    outside = np.concatenate(limits[:2], axis=-1)
     return Quality(
         (np.abs(integral) / scale).max(axis=(1, 2)),
         (np.abs(step) / scale).max(axis=1),
@@ -193,34 +193,6 @@ def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
     return y
 
 
-def beyond(values: Array, lower: Array, upper: Array) -> Array:
-    """How far values (..., m) are outside bounds (m,); negative inside."""
-    return np.asarray(np.maximum(lower - values, values - upper))
-
-
-def _limits(
-    phase: Phase, trajectory: PhaseTrajectory, p: Array, scales: PhaseScales
-) -> list[tuple[str, dict[str, float], Array]]:
-    """Kind, scales of m names, and relative excesses (M, samples, m): states, controls, path.
-
-    States are allowed what their ends, which have bounds of their own, are outside those all along.
-    """
-    states, _, controls = _dense(trajectory)
-    ends = np.stack([trajectory.start, trajectory.end])
-    at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
-    limits = [
-        ("bound", phase.states, scales.states, beyond(states, *phase.state_bounds()) - at_ends),
-        ("bound", phase.controls, scales.controls, beyond(controls, *phase.control_bounds())),
-    ]
-    if phase.path is not None:
-        excess = phase.path.violation(evaluated(phase.path.function, states, controls, p))
-        limits.append(("path constraint", phase.path.names, scales.path, excess))
-    return [
-        (kind, dict(zip(names, units.tolist(), strict=True)), excess / units)
-        for kind, names, units, excess in limits
-    ]
-
-
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     """States, their derivatives with respect to the fraction of the element, and controls.
 
@@ -269,10 +241,9 @@ def audit(
     violations = _undefined(problem, phases, p)
     for phase, trajectory, each in zip(problem.phases, phases, scales.phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
-        for kind, units, outside in _limits(phase, trajectory, p, each):
-            for (name, unit), excess in zip(
-                units.items(), np.moveaxis(outside, -1, 0), strict=True
-            ):
+        for kind, units, outside in limits_on_grid(phase, trajectory, p, each):
+            rows = zip(units.items(), np.moveaxis(outside, -1, 0), strict=True)
+            for (name, unit), excess in rows:
                 worst = np.unravel_index(np.argmax(excess), excess.shape)
                 relative = float(excess[worst])
                 if relative > NOTEWORTHY:

@@ -314,12 +314,8 @@ class Extremal:
         begins = [0.0, *self._ends[:-1]]
         for i, (phase, path) in enumerate(zip(self.problem.phases, self.phases, strict=True)):
             certificate = self.certificate
-            multipliers = (
-                certificate.costates[i],
-                self.parameters,
-                certificate.integral_multipliers[i],
-            )
-            view = View(phase, path, *multipliers)
+            costates, of_integrals = certificate.costates[i], certificate.integral_multipliers[i]
+            view = View(phase, path, costates, self.parameters, of_integrals)
             inside = view.inside()
             x, u, slopes = inside.states, inside.controls, inside.costates()
             sides = np.dstack([x, u]), np.dstack([slopes, view.switching(x, u, slopes)])
@@ -469,11 +465,11 @@ def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, unit
             starts.append(around(path.start, of_x))
             ends.append(around(path.end, of_x))
             durations.append(around(path.duration, of_duration))
-            along, integrals, at_start, at_end = (c and c.function for c in phase.constraints)
-            functions = phase.flow, phase.cost, phase.powers, along, integrals
-            rows += [function(x, u, parameters) for function in functions if function]
-            rows += [at_start(starts[-1], parameters)] if at_start else []
-            rows += [at_end(ends[-1], parameters)] if at_end else []
+            path_at, integrand, at_start, at_end = (c and c.function for c in phase.constraints)
+            along = phase.flow, phase.cost, phase.powers, path_at, integrand
+            calls: list[tuple[Any, Any]] = [(each, (x, u, parameters)) for each in along]
+            calls += [(at_start, (starts[-1], parameters)), (at_end, (ends[-1], parameters))]
+            rows += [function(*arguments) for function, arguments in calls if function]
         everything = *map(np.vstack, (starts, ends, durations)), parameters
         of_all = problem.endpoint_cost, problem.boundary and problem.boundary.function
         rows += [function(*everything) for function in of_all if function]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -323,7 +323,7 @@ def within_limits(
 def _backed_off(candidate: Candidate, tolerance: float, options: Mapping[str, Any]) -> Candidate:
     """The solution with limits moved inwards by what it overshoots, as far as there is room."""
     transcription, problem = candidate.transcription, candidate.transcription.problem
-    margins: Counter[tuple[str, str]] = Counter()
+    margins: dict[tuple[str, str], float] = defaultdict(float)
     for _ in range(MARGIN_PASSES):
         excess = _overshoots(candidate, tolerance)
         if not excess:

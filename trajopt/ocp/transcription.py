@@ -42,6 +42,7 @@ IPOPT = {
 
 #: No multipliers of the parameters, which are scales: their function would take time to build.
 QUIET = dict.fromkeys(("print_time", "error_on_fail", "calc_lam_p", "show_eval_warnings"), False)
+QUIET |= {"no_nlp_grad": True}
 
 #: IPOPT's status where the cost falls without bound.
 DIVERGING = "Diverging_Iterates"
@@ -164,7 +165,7 @@ class Transcription:
         """IPOPT on the scaled program, with options over `IPOPT`."""
         key = repr(sorted(options.items()))
         if key not in self._solvers:
-            settings: dict[str, Any] = {"ipopt": IPOPT | options, "no_nlp_grad": True, **QUIET}
+            settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
             settings |= self._scaled.derivatives
             try:
                 self._solvers[key] = ca.nlpsol("nlp", "ipopt", self._scaled.symbols, settings)
