@@ -173,3 +173,22 @@ def test_a_floor_says_which_powers_count(floor: float, least: float) -> None:
     phase = dataclasses.replace(textbook.least_work_move().phases[0], floor=floor)
     found = solve_once(Problem((phase,)))
     assert least < found.transcribed_cost < least + 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("elements", [10, 30])
+def test_a_bound_on_a_state_holds_to_the_tolerance_where_the_arc_is_left(elements: int) -> None:
+    """Van der Pol's oscillator brought to rest while its rate is bounded; least cost 1.6208844."""
+    oscillator = Phase(
+        "oscillator",
+        states=("x", "v"),
+        controls=("u",),
+        flow=lambda x, u, p: (x[1], -x[0] + x[1] * (1 - x[0] ** 2) + u),
+        cost=lambda x, u, p: x[0] ** 2 + x[1] ** 2,
+        bounds={"u": (-1.0, 1.0), "v": (-0.25, FREE)},
+        start={"x": 1.0, "v": 0.0},
+        duration=5.0,
+    )
+    found = solve(Problem((oscillator,)), mesh=Mesh.uniform(1, elements))
+    assert found.converged, found.report()
+    assert found.cost == pytest.approx(1.6208844, rel=1e-5)
