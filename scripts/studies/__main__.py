@@ -16,7 +16,6 @@ STUDIES = {
     "benchmark": "benchmark.run",
     "bounds": "bounds",
     "cluster": "cluster",
-    "codesign": "codesign.command",
     "collisionless": "collisionless",
     "feedback": "feedback_laws.command",
     "figures": "documents.figures",
