@@ -29,7 +29,6 @@ STUDIES = {
     "rests": "fronts.rests",
     "returns": "returns",
     "robustness": "robustness",
-    "stop_and_go": "stop_and_go",
     "stops": "fronts.strides",
     "strides": "fronts.strides",
     "terrain": "terrain",
