@@ -41,8 +41,8 @@ SUBOPTIMAL = 1e-4
 #: Simulated states that are off by more than this, relative to their scales, mean nothing.
 MEANINGLESS = 0.1
 
-#: IPOPT's status for a success.
-SUCCESS = "Solve_Succeeded"
+#: IPOPT's status for a success, and where it finds no way to satisfy all constraints.
+SUCCESS, INFEASIBLE = "Solve_Succeeded", "Infeasible_Problem_Detected"
 
 #: Numbers of one problem differ by less than this (relative) on all processors.
 SAME_NUMBERS = 1e-9
@@ -161,7 +161,9 @@ class Extremal:
         """What is wrong, in words; empty if the solution converged."""
         failures = []
         if not self.succeeded:
-            failures.append(f"IPOPT: {self.status}")
+            others = " from this guess; `multi_start` tries others"
+            hint = others if self.status == INFEASIBLE else ""
+            failures.append(f"IPOPT: {self.status}{hint}")
         if self.status == DIVERGING:
             failures.append("the cost has no minimum, or limits contradict each other")
         failures += [str(violation) for violation in self.violations[:3]]
@@ -453,18 +455,18 @@ def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, unit
     rows: list[Any] = [np.repeat(np.concatenate(numbers)[:, None], SAMPLES, axis=1)]
     for radius in RADII:
 
-        def around(values: Any, unit: Array, radius: float = radius) -> Array:
-            moved = radius * unit[:, None] * rng.uniform(-1.0, 1.0, (len(unit), SAMPLES))
-            return np.asarray(np.reshape(values, (len(unit), -1)) + moved)
+        def around(columns: Array, unit: Array, radius: float = radius) -> Array:
+            directions = rng.uniform(-1.0, 1.0, (len(unit), SAMPLES))
+            return np.asarray(columns + radius * unit[:, None] * directions)
 
-        parameters, starts, ends, durations = around(p, of_p), [], [], []
+        parameters, starts, ends, durations = around(p[:, None], of_p), [], [], []
         for i, (phase, path) in enumerate(zip(problem.phases, phases, strict=True)):
             of_x, of_u, of_duration = of_phases[3 * i : 3 * i + 3]
             times = path.duration * np.linspace(0.05, 0.95, SAMPLES)
             x, u = around(path.state(times).T, of_x), around(path.control(times).T, of_u)
-            starts.append(around(path.start, of_x))
-            ends.append(around(path.end, of_x))
-            durations.append(around(path.duration, of_duration))
+            starts.append(around(path.start[:, None], of_x))
+            ends.append(around(path.end[:, None], of_x))
+            durations.append(around(np.array([[path.duration]]), of_duration))
             path_at, integrand, at_start, at_end = (c and c.function for c in phase.constraints)
             along = phase.flow, phase.cost, phase.powers, path_at, integrand
             calls: list[tuple[Any, Any]] = [(each, (x, u, parameters)) for each in along]

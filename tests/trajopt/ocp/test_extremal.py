@@ -119,6 +119,14 @@ def test_a_solution_is_the_same_when_it_is_loaded(extremal: Extremal, path: Path
     assert np.array_equal(loaded.state(0.7), extremal.state(0.7))
 
 
+@pytest.mark.parametrize("name", ["bouncing ball", "fastest move", "gear"])
+def test_a_solution_with_or_without_controls_and_parameters_is_loaded(
+    name: str, tmp_path: Path
+) -> None:
+    solved(name).save(tmp_path / "it.npz")
+    assert Extremal.load(tmp_path / "it.npz", solved(name).problem).cost == solved(name).cost
+
+
 def test_a_solution_that_failed_can_be_saved_too(tmp_path: Path) -> None:
     failed = solve(RELAY, passes=0, option_sets=({"max_iter": 2},), verify=False)
     failed.save(tmp_path / "failed.npz")
