@@ -115,6 +115,7 @@ feedback: $(DEVELOPERS)
 
 bench: $(DEVELOPERS)
 	$(STUDY) benchmark --out docs $(ARGS)
+	$(STUDY) accelerator
 
 codesign figures returns textbook thesis: $(DEVELOPERS)
 	$(STUDY) $@ $(ARGS)
