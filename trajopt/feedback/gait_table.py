@@ -28,6 +28,10 @@ from trajopt.store import Store, key
 #: By how much each parameter differs in the table, up and down: a share, and of the slope (rad).
 SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
 
+#: How far (in steps) the table is extrapolated in each parameter; a machine farther away in all of
+#: them (the root of the sum of squares) has its gait solved for.
+FAR = 2.5
+
 #: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
 #: their kind within it.
 BENT = 0.5
@@ -106,8 +110,8 @@ class GaitTable:
         return np.array(changes) / _steps(self.params, self.names)
 
     def at(self, params: WheelParams) -> Floats:
-        """The `flat` law of a machine, (m,)."""
-        d = self.steps(params)[:, None]
+        """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""
+        d = np.clip(self.steps(params), -FAR, FAR)[:, None]
         up, down = self.rows[1::2] - self.rows[0], self.rows[2::2] - self.rows[0]
         return np.asarray(self.rows[0] + ((up - down) * d + (up + down) * d**2).sum(axis=0) / 2)
 
@@ -155,10 +159,11 @@ def law_of(task: Neighbour) -> Floats | None:
 def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | None:
     """The gait of a machine, whose steps last some control periods longer than another's.
 
-    The search starts from the other gait as it is, which takes a second, or from that which is
-    continued to this machine.
+    The search starts from the other gait as it is, which takes a second, or, where that is of
+    another machine, from what it is continued to.
     """
-    for guess in (dataclasses.replace(gait, params=params), gait):
+    as_it_is = dataclasses.replace(gait, params=params)
+    for guess in (as_it_is,) if gait.params == params else (as_it_is, gait):
         try:
             return periodic_gait(
                 *(params, None, gait.steps, gait.regeneration),

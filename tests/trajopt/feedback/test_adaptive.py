@@ -59,9 +59,9 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
 ) -> None:
     """Then it holds the wanted gait, by the law about that of the identified machine."""
     planned = controller.table.rows[1]
-    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: planned)
+    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: (planned, 1))
     monkeypatch.setattr(adaptive, "REPLANNED", (1,))
-    monkeypatch.setattr(adaptive, "PLANNING", 0.1)
+    monkeypatch.setattr(adaptive, "SOLVING", 0.1)
     controller = dataclasses.replace(controller, wanted=controller.first._replace())
     length = 1.01 * held.params.pendulum_length
     changed = dataclasses.replace(held.params, pendulum_length=length)
