@@ -32,7 +32,15 @@ from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
-from trajopt.feedback.gait_table import FAR, GaitTable, flat, gains_of, law_about, own_gait
+from trajopt.feedback.gait_table import (
+    FAR,
+    IDENTIFIED_BLEND,
+    GaitTable,
+    flat,
+    gains_of,
+    law_about,
+    own_gait,
+)
 from trajopt.feedback.law import Floats
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit, has_clock, located, squared_distances
@@ -193,7 +201,7 @@ class AdaptiveController:
         if gait is None or not gait.verification.passed:
             return None
         try:
-            law = law_about(gait)
+            law = law_about(gait, IDENTIFIED_BLEND)
         except RuntimeError:
             return None
         first, approach = self.first.gait, self.approach_to(law.data.orbit)
@@ -312,7 +320,8 @@ class AdaptiveWalks:
         """The law in use, the table's or the plan's, and the approach to its gait."""
         table, plan = self.controller.table, self.plans[row]
         law = table.at(self.machines[row]) if plan is None else plan.law
-        self._data[row] = gains_of(law, table.law.data)
+        blend = table.law.data.blend if plan is None else IDENTIFIED_BLEND
+        self._data[row] = gains_of(law, table.law.data)._replace(blend=blend)
         self._approaches[row] = self.controller.approach_to(self._data[row].orbit)
 
     def _volts(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:

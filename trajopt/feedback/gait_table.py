@@ -37,8 +37,9 @@ FAR = 2.5
 BENT = 0.5
 
 #: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
-#: what is left of a wrong model then costs less.
-GENTLE, BLEND = 1.0, 0.2
+#: what is left of a wrong model then costs less. An identified machine has a firmer blend: up a
+#: slope of one degree the gentle one leaves the wheel in another cycle, for a third more.
+GENTLE, BLEND, IDENTIFIED_BLEND = 1.0, 0.2, 0.1
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -177,10 +178,10 @@ def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | Non
     return None
 
 
-def law_about(gait: Solution) -> Law:
+def law_about(gait: Solution, blend: float = BLEND) -> Law:
     """The LQR about a gait, as the table has it."""
     law = lqr.design(gait, GENTLE)
-    return dataclasses.replace(law, data=law.data._replace(blend=BLEND))
+    return dataclasses.replace(law, data=law.data._replace(blend=blend))
 
 
 def flat(data: lqr.LqrGains) -> Floats:
