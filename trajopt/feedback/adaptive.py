@@ -47,7 +47,7 @@ from trajopt.feedback.orbit import Orbit, has_clock, located, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import Noise, identify
+from trajopt.identification.fit import identify
 from trajopt.identification.log import Log, LogError
 
 #: After so many fits a machine has its own gait solved for: each time about twice as much is known.
@@ -129,7 +129,6 @@ class AdaptiveController:
         table: of laws about the gait that is walked first.
         first: the approach to it.
         wanted: the approach to another gait, if it is another one.
-        noise: of the encoders that log the walk.
         encoders: standard deviation of the errors that are added to the logged angles (rad), where
             a simulation's are exact.
     """
@@ -137,13 +136,10 @@ class AdaptiveController:
     table: GaitTable
     first: Approach
     wanted: Approach | None = None
-    noise: Noise = dataclasses.field(default_factory=Noise)
     encoders: float = 1e-3
 
     @classmethod
-    def about(
-        cls, gait: Solution, folder: Path | None = None, workers: int | None = None
-    ) -> AdaptiveController:
+    def about(cls, gait: Solution, folder: Path | None = None) -> AdaptiveController:
         """The controller whose nominal machine and gait are these; see `GaitTable.about`.
 
         A gait whose voltage is not held for a control period is solved again with that.
@@ -156,7 +152,7 @@ class AdaptiveController:
                 guess=gait,
             )
         first = sturdy(gait)
-        table = GaitTable.about(first, folder=folder, workers=workers)
+        table = GaitTable.about(first, folder)
         wanted = None if first is gait else Approach.to(gait, folder)
         return cls(table, Approach.to(first, folder), wanted)
 
@@ -185,15 +181,13 @@ class AdaptiveController:
         """
         first, wanted = self.first.gait, (self.wanted or self.first).gait
         law = self._held_law(own_gait(dataclasses.replace(wanted, params=params), params, 0))
-        tried, gait = 1, first
-        if law is not None:
-            return law, tried
-        for shorter in range(max(_periods(first) - _periods(wanted), 1)):
-            found, tried = own_gait(gait, params, -min(shorter, 1)), tried + 1
-            further = self._held_law(found)
-            if found is None or further is None:
+        tried, gait = 1, own_gait(first, params, 0) if law is None else None
+        while gait is not None and gait.duration > wanted.duration - CONTROL_PERIOD / 2:
+            tried += 1
+            shorter = self._held_law(gait)
+            if shorter is None:
                 break
-            law, gait = further, found
+            law, gait = shorter, own_gait(gait, params, -1)
         return law, tried
 
     def _held_law(self, gait: Solution | None) -> Floats | None:
@@ -223,11 +217,6 @@ class AdaptiveController:
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
         return AdaptiveWalks(self, n, seed)
-
-
-def _periods(gait: Solution) -> int:
-    """Control periods of a step."""
-    return round(gait.duration / gait.steps / CONTROL_PERIOD)
 
 
 class AdaptiveWalks:
@@ -348,7 +337,6 @@ class AdaptiveWalks:
                 self.machines[row] if known else table.params,
                 table.names,
                 covariance=FORGETTING * self._covariance[row] if known else None,
-                noise=self.controller.noise,
             )
         except LogError:
             self._covariance[row] = np.nan  # what was known may be wrong; the law stays

@@ -60,26 +60,18 @@ class GaitTable:
     rows: Floats
 
     @classmethod
-    def about(
-        cls,
-        gait: Solution,
-        names: Sequence[str] | None = None,
-        folder: Path | None = None,
-        workers: int | None = None,
-    ) -> GaitTable:
+    def about(cls, gait: Solution, folder: Path | None = None) -> GaitTable:
         """Solve for the gaits, which takes some 3 s of one core each.
 
         Args:
             gait: the nominal one, held for a control period.
-            names: of the parameters that may differ; by default the physical ones and the slope.
             folder: where finished rows are stored; None: nowhere.
-            workers: processes; by default one for every core.
 
         Raises:
             ValueError: a machine that differs has no such gait, or too different a law.
         """
         nominal = gait.params
-        names = (*physical(nominal), "slope") if names is None else tuple(names)
+        names = (*physical(nominal), "slope")
         machines = [nominal] + [
             dataclasses.replace(nominal, **{name: getattr(nominal, name) + sign * step})
             for name, step in zip(names, _steps(nominal, names), strict=True)
@@ -93,7 +85,7 @@ class GaitTable:
         todo = [
             Neighbour(gait, each) for each, k in zip(machines, keys, strict=True) if k not in rows
         ]
-        for task, row in run(law_of, todo, workers, progress="gaits of changed machines"):
+        for task, row in run(law_of, todo, progress="gaits of changed machines"):
             name = keys[machines.index(task.params)]
             rows[name] = row
             if store is not None:
