@@ -50,9 +50,9 @@ from trajopt.gaits.solution import Solution
 from trajopt.identification.fit import identify
 from trajopt.identification.log import Log, LogError
 
-#: After so many fits a machine has its own gait solved for: each time about twice as much is known.
-#: The first time is for a machine far from the table's; the gait of another speed is solved later.
-REPLANNED = (1, 2, 4, 8, 16)
+#: After so many fits a machine far from the table's, and one that is to walk at another speed, has
+#: its own gait solved for first; then again, whenever there are twice as many fits.
+PLANNED = 1, 2
 
 #: Time (s) that a gait takes to solve for and to try, on average, on one core: a law is used so
 #: much later for every gait that was tried.
@@ -74,9 +74,15 @@ _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
 
 
 class Plan(NamedTuple):
-    """The law about the gait of an identified machine, and the tick from which on it is used."""
+    """The law about the gait of an identified machine, flat.
+
+    Attributes:
+        tick: from which on it is used.
+        fits: how many there had been.
+    """
 
     tick: int
+    fits: int
     law: Floats
 
 
@@ -298,7 +304,7 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self.plans, self._next = (
-            [p and Plan(p[0], np.array(p[1])) for p in state[name]] for name in ("plans", "next")
+            [p and Plan(*p[:2], np.array(p[2])) for p in state[name]] for name in ("plans", "next")
         )
         for row in range(len(self.machines)):
             self._choose(row)
@@ -349,11 +355,11 @@ class AdaptiveWalks:
 
     def _plan(self, row: int) -> None:
         """Solve for the gait of a machine that needs its own."""
-        controller, params = self.controller, self.machines[row]
-        other = controller.wanted is not None
+        controller, params, plan = self.controller, self.machines[row], self.plans[row]
+        other, fits = controller.wanted is not None, int(self.identified[row])
         far = np.linalg.norm(controller.table.steps(params)) > FAR
-        if (other or far) and self.identified[row] in REPLANNED[other:]:
+        if (other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits):
             law, tried = controller.efficient_law(params)
             if law is not None:
                 later = round(SOLVING * tried / CONTROL_PERIOD)
-                self._next[row] = Plan(self.tick + later, law)
+                self._next[row] = Plan(self.tick + later, fits, law)
