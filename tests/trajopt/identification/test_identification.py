@@ -82,7 +82,7 @@ def test_what_the_model_lacks_shifts_lengths_by_less_than_a_percent() -> None:
     found = identify(angles, BUILDABLE, noise=noise).params
     assert found.pendulum_length == pytest.approx(MACHINE.pendulum_length, rel=5e-3)
     assert found.leg_length == pytest.approx(MACHINE.leg_length, rel=1e-2)
-    assert found.motor_constant == pytest.approx(MACHINE.motor_constant, rel=1e-2)
+    assert found.motor_constant == pytest.approx(MACHINE.motor_constant, rel=2e-2)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
