@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate
+from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate, limits_on_grid
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.problem import Phase, Problem
-from trajopt.ocp.scaling import PhaseScales, Scales, scales_of
+from trajopt.ocp.scaling import PhaseScales, Scales, jacobian, scales_of
 from trajopt.ocp.schemes import full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
 
 #: By how much refining the mesh may raise the cost of one and the same optimum (relative).
 SAME_COST = 5e-3
+
+#: IPOPT's status where a function or a derivative is not finite.
+UNDEFINED = "Invalid_Number_Detected"
 
 #: Steps of the 8th-order integrator per element.
 STEPS = 2
@@ -65,10 +69,13 @@ class Candidate:
         """Largest error of the states within an element; see `Quality.state_error`."""
         return float(max(quality.state_error.max() for quality in self.qualities))
 
-    @property
-    def overshoot(self) -> float:
-        """Largest violation of a path constraint between the nodes, relative."""
-        return float(max(quality.path_violation.max() for quality in self.qualities))
+    @cached_property
+    def limits(self) -> tuple[Violation, ...]:
+        """Limits that are violated between the nodes, worst first; see `audit`."""
+        result, problem = self.result, self.transcription.problem
+        solution = result.phases, result.parameters
+        slopes = _undefined(problem, *solution, jacobian) if result.status == UNDEFINED else []
+        return (*slopes, *audit(problem, *solution, self.scales))
 
     def costs_more_than(self, other: Candidate) -> bool:
         """Whether it costs so much more that it must be another optimum."""
@@ -126,9 +133,9 @@ def assess(
     integral = np.cumsum(trapezia, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
-    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p, scales)
-    path = paths[0][2].max(axis=1) if paths else np.zeros((len(states), 1))
-    outside = np.concatenate([of_states, of_controls], axis=-1)
+    limits = [outside for _, _, outside in limits_on_grid(phase, trajectory, p, scales)]
+    path = np.maximum(limits[2].max(axis=1), 0.0) if limits[2:] else np.zeros((len(states), 1))
+    outside = np.concatenate(limits[:2], axis=-1)
     return Quality(
         (np.abs(integral) / scale).max(axis=(1, 2)),
         (np.abs(step) / scale).max(axis=1),
@@ -186,34 +193,6 @@ def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
     return y
 
 
-def beyond(values: Array, lower: Array, upper: Array) -> Array:
-    """How far values (..., m) are outside bounds (m,); negative inside."""
-    return np.asarray(np.maximum(lower - values, values - upper))
-
-
-def _limits(
-    phase: Phase, trajectory: PhaseTrajectory, p: Array, scales: PhaseScales
-) -> list[tuple[str, dict[str, float], Array]]:
-    """Kind, scales of m names, and relative excesses (M, samples, m): states, controls, path.
-
-    States are allowed what their ends, which have bounds of their own, are outside those all along.
-    """
-    states, _, controls = _dense(trajectory)
-    ends = np.stack([trajectory.start, trajectory.end])
-    at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
-    limits = [
-        ("bound", phase.states, scales.states, beyond(states, *phase.state_bounds()) - at_ends),
-        ("bound", phase.controls, scales.controls, beyond(controls, *phase.control_bounds())),
-    ]
-    if phase.path is not None:
-        excess = phase.path.violation(evaluated(phase.path.function, states, controls, p))
-        limits.append(("path constraint", phase.path.names, scales.path, excess))
-    return [
-        (kind, dict(zip(names, units.tolist(), strict=True)), excess / units)
-        for kind, names, units, excess in limits
-    ]
-
-
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     """States, their derivatives with respect to the fraction of the element, and controls.
 
@@ -225,22 +204,30 @@ def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     return basis @ trajectory.states, slope @ trajectory.states, controls
 
 
-def _undefined(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> list[Violation]:
-    """Every function's first time at which it is not finite."""
+def _undefined(
+    problem: Problem,
+    phases: Sequence[PhaseTrajectory],
+    p: Array,
+    of: Callable[[Any], Any] = lambda function: function,
+) -> list[Violation]:
+    """Every function's first time at which it, or its Jacobian, is not finite."""
     violations = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
         x, _, u = _dense(trajectory)
         for kind in ("flow", "cost", "powers", "path", "integral"):
-            function = getattr(phase, kind)
-            if function is None:
+            given = getattr(phase, kind)
+            if given is None:
                 continue
-            names = phase.states if kind == "flow" else getattr(function, "names", None)
-            values = evaluated(getattr(function, "function", function), x, u, p)
-            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1))):
-                time = float(times[~np.isfinite(values[..., row])].min())
+            names = phase.states if kind == "flow" else getattr(given, "names", None)
+            function = getattr(given, "function", given)
+            values = evaluated(of(function), x, u, p)
+            values = values.reshape(*values.shape[:2], -1, function.size1_out(0))
+            called = kind if of(function) is function else f"derivative of {kind}"
+            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1, 2))):
+                time = float(times[~np.isfinite(values[..., row]).all(axis=-1)].min())
                 name = names[row] if names else ""
-                violations.append(Violation(kind, name, phase.name, time, math.inf, math.inf))
+                violations.append(Violation(called, name, phase.name, time, math.inf, math.inf))
     return violations
 
 
@@ -254,10 +241,9 @@ def audit(
     violations = _undefined(problem, phases, p)
     for phase, trajectory, each in zip(problem.phases, phases, scales.phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
-        for kind, units, outside in _limits(phase, trajectory, p, each):
-            for (name, unit), excess in zip(
-                units.items(), np.moveaxis(outside, -1, 0), strict=True
-            ):
+        for kind, units, outside in limits_on_grid(phase, trajectory, p, each):
+            rows = zip(units.items(), np.moveaxis(outside, -1, 0), strict=True)
+            for (name, unit), excess in rows:
                 worst = np.unravel_index(np.argmax(excess), excess.shape)
                 relative = float(excess[worst])
                 if relative > NOTEWORTHY:

@@ -41,7 +41,8 @@ IPOPT = {
 }
 
 #: No multipliers of the parameters, which are scales: their function would take time to build.
-QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "no_nlp_grad": True}
+QUIET = dict.fromkeys(("print_time", "error_on_fail", "calc_lam_p", "show_eval_warnings"), False)
+QUIET |= {"no_nlp_grad": True}
 
 #: IPOPT's status where the cost falls without bound.
 DIVERGING = "Diverging_Iterates"
