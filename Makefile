@@ -20,7 +20,7 @@ STUDY := $(BIN)/python -m scripts.studies
 
 .DEFAULT_GOAL := help
 .PHONY: help install compare page test test-slow test-cpus peers test-peers fuzz lint format docs clean \
-	bench codesign feedback figures front returns study textbook thesis
+	bench feedback figures front returns study textbook thesis
 
 help:
 	@echo "make install     the virtual environment $(VENV), to walk, solve and train"
@@ -40,7 +40,7 @@ help:
 	@echo "make front       a machine's front searched anew and shipped; PRESET=..."
 	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
-	@echo "make thesis | codesign | figures | returns | textbook"
+	@echo "make thesis | figures | returns | textbook"
 
 install: $(INSTALLED)
 
@@ -116,7 +116,7 @@ feedback: $(DEVELOPERS)
 bench: $(DEVELOPERS)
 	$(STUDY) benchmark --out docs $(ARGS)
 
-codesign figures returns textbook thesis: $(DEVELOPERS)
+figures returns textbook thesis: $(DEVELOPERS)
 	$(STUDY) $@ $(ARGS)
 
 clean:

@@ -1,4 +1,4 @@
-"""How the least cost of transport of BUILDABLE depends on what docs/machine.md assumes: its table.
+"""The tables of docs/machine.md: its mass budget, and what its assumptions are worth.
 
 Where an assumption changes the motion, the gait is optimised again. It takes a few minutes of one
 core.
@@ -14,8 +14,8 @@ import numpy as np
 from agents.cli.options import MaybeCount, MaybePath
 from rimless_gym.equations import equations
 from rimless_gym.presets import BUILDABLE
-from scripts.studies.codesign.machine import BOB_RADIUS, chosen
 from scripts.studies.documents.markdown import marks, refresh, table
+from scripts.studies.machine import BOB_RADIUS, budget, chosen
 from trajopt import periodic_gait, pool
 from trajopt.gaits.library import warm_starts
 from trajopt.gaits.solution import Solution
@@ -33,14 +33,14 @@ AIR, BAR, DRAG_COEFFICIENTS = 1.2, 9.86, (0.7, 1.1)
 #: Inductance of the motor over its resistance (s).
 TIME_CONSTANT = 1e-4
 
-MARKS = marks("assumptions", ("sensitivity",))
+MARKS = marks("assumptions", ("budget", "sensitivity"))
 
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
 def bob_drag(coefficient: float) -> float:
     """`pendulum_drag` (N m s^2) of the bob, a bar across the arm, by its drag coefficient."""
-    bob, arm = chosen(BUILDABLE)
+    bob, arm = chosen()
     area = 2 * BOB_RADIUS * bob / BAR
     return 0.5 * AIR * coefficient * area * arm**3
 
@@ -64,7 +64,7 @@ def assumptions(*, workers: MaybeCount = None, docs: MaybePath = None) -> int:
 
     Args:
         workers: processes; by default one for every core.
-        docs: a page, docs/machine.md, to put the table into.
+        docs: a page, docs/machine.md, to put the tables into.
     """
     tasks = [(row, speed) for row in CHANGES for speed in SPEEDS]
     gaits = dict(pool.run(changed_gait, tasks, workers, progress="assumptions"))
@@ -81,9 +81,14 @@ def assumptions(*, workers: MaybeCount = None, docs: MaybePath = None) -> int:
     cells = [[row, *map(_cell, cots, rows[0][1])] for row, cots in rows]
     text = table(head, cells) + "\n"
     if docs:
-        refresh(docs, MARKS, {"sensitivity": text})
+        refresh(docs, MARKS, {"budget": budget_table(), "sensitivity": text})
     print(text)
     return 0
+
+
+def budget_table() -> str:
+    """The table of the parts' masses."""
+    return table(["part", "mass (g)"], budget()) + "\n"
 
 
 def changed_gait(task: tuple[str, float]) -> Solution:

@@ -47,6 +47,7 @@ def test_public_names_can_be_imported_in_any_order() -> None:
         rimless_gym.Wheel  # noqa: B018
 
 
+@pytest.mark.slow
 def test_nothing_needs_docstrings() -> None:
     code = (
         "import rimless_gym, rimless_gym.envs.speed, agents.cli.main;print(agents.cli.main.usage())"

@@ -1,4 +1,4 @@
-"""The study `figures`: the figures and numbers of docs/physics.md and docs/thesis-errata.md."""
+"""The study `figures`: the numbers and tables of docs/physics.md and docs/thesis-errata.md."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from agents.cli.options import Flag
 from rimless_gym.energy import CHANNELS
 from rimless_gym.presets import PRESETS
-from scripts.studies.documents import accuracy, drawings, errata
+from scripts.studies.documents import accuracy, errata
 from scripts.studies.documents.accuracy import CASES
 from scripts.studies.documents.markdown import table
 
@@ -22,19 +22,18 @@ def figures(
     out: Path = Path("docs/figures"),
     keep_numbers: Flag = False,
 ) -> int:
-    """Regenerate the picture and every number of docs/physics.md and docs/thesis-errata.md.
+    """Regenerate every number of docs/physics.md and docs/thesis-errata.md.
 
-    Writes the picture and numbers.json, and the tables into the two documents beside the folder, if
+    Writes numbers.json, and the tables into the two documents beside the folder, if
     they are there. A test compares the documents with numbers.json, and that with the code.
 
     Args:
         out: folder to write to.
-        keep_numbers: draw from the numbers.json that is there.
+        keep_numbers: fill in the numbers.json that is there.
     """
     path = out / "numbers.json"
     results = json.loads(path.read_text()) if keep_numbers else numbers()
     path.write_text(json.dumps(results, indent=1) + "\n")
-    drawings.save(drawings.coordinates_figure(), out / "coordinates.png")
     for name in DOCUMENTS:
         if (page := out.parent / name).exists():
             page.write_text(filled(page.read_text(), results))

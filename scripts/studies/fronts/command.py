@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
-from scripts.studies.documents.drawings import save
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.results import AGREEMENT, STEPS, SearchResults, disagreements
 from scripts.studies.fronts.search import SEEDS, FineMeshes, FrontSearch
@@ -81,7 +81,7 @@ def publish(preset: str) -> None:
     front = shipped_front(as_params(preset))
     print(f"{len(front.solutions)} gaits of {preset} are shipped")
     refresh(DOCS / "front.md", marks("front", (preset,)), {preset: section(preset, front)})
-    save(drawn(preset, front), DOCS / figure_file(preset))
+    save_picture(drawn(preset, front), DOCS / figure_file(preset))
 
 
 def chosen(gaits: Iterable[Solution]) -> list[Solution]:
@@ -237,6 +237,14 @@ def hull(front: CotFront) -> Array:
         vertices.append((speed, power))
     speeds = np.array([gait.speed for gait in front.envelope])
     return np.interp(speeds, *np.array(vertices).T) / (weight * speeds)
+
+
+def save_picture(figure: Figure, path: Path) -> None:
+    """Write a PNG with a palette, which keeps the file small."""
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi="figure")
+    image = Image.open(picture).convert("RGB")
+    image.quantize(200, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def drawn(name: str, front: CotFront) -> Figure:

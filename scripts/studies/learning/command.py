@@ -24,7 +24,7 @@ from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish
 from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import count, percent, table
-from scripts.studies.learning.rows import ABLATIONS, FIRST_EVENING, FRONT, LEARNED, ROWS, SECTIONS
+from scripts.studies.learning.rows import FIRST_EVENING, FRONT, LEARNED, ROWS, SECTIONS
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
 from trajopt import pool
 from trajopt.store import Store, jsonable, key
@@ -196,7 +196,7 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
         if rows:
             commanded = section in (FRONT, FIRST_EVENING)
             names = ("learner", "commanded") if commanded else ("policy",)
-            effort = EFFORT if section in (LEARNED, ABLATIONS) else ()
+            effort = EFFORT if section == LEARNED else ()
             head = [*names, *FIGURES, *effort]
             lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
             sections[section] = table(head, [line[: len(head)] for line in lines])

@@ -6,29 +6,17 @@ from agents.evaluate import COMMANDS
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH
 from agents.prior import LAW
 from rimless_gym.envs.speed import PERIOD
-from scripts.studies.feedback_laws.measures import NOISE
-from scripts.studies.learning.trials import Disturbed, Following, Other, StudyRow, Trained
+from scripts.studies.learning.trials import Following, Other, StudyRow, Trained
 
-#: The tables of the page: policies for `RimlessWheel-v0`; ablations of cloning; those that follow
-#: commands as efficiently as the front allows; those that learned under disturbances; and those of
-#: plain stable-baselines3 for commanded speeds.
-SECTIONS = ("learned", "ablations", "front", "disturbed", "first_evening")
-LEARNED, ABLATIONS, FRONT, DISTURBED, FIRST_EVENING = SECTIONS
+#: The tables of the page: policies for `RimlessWheel-v0`; those that follow commands as efficiently
+#: as the front allows; and those of plain stable-baselines3 for commanded speeds.
+SECTIONS = ("learned", "front", "first_evening")
+LEARNED, FRONT, FIRST_EVENING = SECTIONS
 
 #: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
 KEPT = {"best kept": BEST, "last": LAST}
 CLONED = {"": CLONE}
 BEST_ONLY = {"": BEST}
-
-#: Demonstrations alone: one round, with as many labels and gradient steps as DAgger's eight.
-DEMONSTRATIONS = {"rounds": 1, "expert_starts": 1044, "gradient_steps": 6750}
-
-#: Hyperparameters of a fine-tuning that changes more than the learner's own do.
-LARGE_BATCHES = {"n_envs": 512, "n_steps": 128, "batch_size": 16384, "learning_rate": 5e-5}
-
-#: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
-TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
-
 
 #: Rows whose policies others need.
 IMITATED = StudyRow(
@@ -73,18 +61,6 @@ ROWS = (
     EVOLVED,
     DISTILLED,
     StudyRow(
-        "clone_few_labels",
-        "8,000 labels of start-up states a round instead of 60,000",
-        ABLATIONS,
-        Trained("ppo", IMITATION, 0, CLONED, cloning={"labels": 8000}),
-    ),
-    StudyRow(
-        "clone_demonstrations",
-        "as many labels, all of the law's own walks",
-        ABLATIONS,
-        Trained("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
-    ),
-    StudyRow(
         "front",
         "imitation of a gain schedule",
         FRONT,
@@ -98,21 +74,6 @@ ROWS = (
             changes=(0.58, 0.62, 0.56, 0.6),
             cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 4500},
         ),
-    ),
-    StudyRow(
-        "disturbed",
-        "fine-tuned under delay and noise",
-        DISTURBED,
-        Disturbed(
-            "ppo",
-            IMITATION,
-            6_000_000,
-            {"clone": CLONE, "best kept": BEST},
-            disturbances={"actuator_delay": 2, "sensor_noise": TWICE_THE_NOISE},
-            task={"distance_weight": 0.1, "target_speed": 0.6},
-            hyperparameters=LARGE_BATCHES,
-        ),
-        enough=0.9,
     ),
     StudyRow(
         "first_evening",

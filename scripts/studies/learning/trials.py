@@ -100,10 +100,6 @@ class Trained:
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     # fields of `agents.imitation.Cloning` that differ from its own
     cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    # reward weight and penalties in training that differ from the environment's
-    task: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    # in training, as the environment takes them
-    disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     prior: str | None = None  # of the training; its hyperparameters are then those with a prior
     period: float = CONTROL_PERIOD  # how long its policies hold an action (s)
 
@@ -124,8 +120,6 @@ class Trained:
             seed,
             timesteps=self.timesteps,
             params=BUILDABLE,
-            task=self.task,
-            disturbances=self.disturbances,
             hyperparameters=self.hyperparameters,
             prior=self.prior,
             **self._environment(),
@@ -175,23 +169,6 @@ class Following(Trained):
         stretches = walk_through(policy, self.changes, by, control_period=period)
         for (before, _), (command, figures) in itertools.pairwise(stretches):
             policies[f"{command:g} m/s after {before:g}"] = figures
-        return policies
-
-
-@dataclasses.dataclass(frozen=True)
-class Disturbed(Trained):
-    """A training under disturbances, evaluated with them and without."""
-
-    def evaluate(self, folder: Path, by: Protocol) -> Policies:
-        """Every policy, undisturbed, with each of the disturbances, and with all of them."""
-        each = {name.replace("_", " "): {name: value} for name, value in self.disturbances.items()}
-        conditions = {"undisturbed": {}, **each, "all disturbances": self.disturbances}
-        policies = {}
-        for name, file in self.files.items():
-            policy = load_policy(folder / file, BUILDABLE).policy
-            for condition, disturbances in conditions.items():
-                walks = evaluate(policy, BUILDABLE, by, disturbances=disturbances)
-                policies[f"{name}: {condition}"] = WalkFigures.of(walks)
         return policies
 
 

@@ -17,6 +17,7 @@ from PIL import Image
 from agents.cli.main import REFUSED, main
 from agents.evaluate import Protocol, evaluate
 from agents.training import TrainingConfig, train
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
 from trajopt.gaits.library import nearest
@@ -173,14 +174,16 @@ def test_datasets_that_are_missing_are_written_by_one_process(
 
 
 @cache
-def found(*what: object, **settings: object) -> Solution:
-    return periodic_gait(*what, **settings)  # type: ignore[arg-type]
+def held() -> Solution:
+    return periodic_gait(BUILDABLE, 0.62, hold=CONTROL_PERIOD)
 
 
 @pytest.fixture
-def gait(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each gait is searched for once."""
-    monkeypatch.setattr("trajopt.periodic_gait", found)
+def gait(monkeypatch: pytest.MonkeyPatch) -> Solution:
+    """The held gait that every search finds."""
+    found = held()
+    monkeypatch.setattr("trajopt.periodic_gait", lambda *what, **settings: found)
+    return found
 
 
 @pytest.mark.usefixtures("gait")
@@ -200,10 +203,10 @@ def test_walks_are_written_as_a_video_and_as_a_gif(tmp_path: Path) -> None:
 
 
 def test_a_saved_gait_is_watched_but_not_on_another_machine(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], shipped: Solution
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], gait: Solution
 ) -> None:
     saved, out = tmp_path / "own.npz", tmp_path / "walk.gif"
-    shipped.save(saved)
+    gait.save(saved)
     arguments = ["watch", str(saved), "--seconds", "0.2", "--size", "99", "99", "--out", str(out)]
     assert main(arguments) == 0
     assert out.is_file()

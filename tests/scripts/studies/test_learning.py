@@ -17,7 +17,6 @@ from scripts.studies.learning import command, trials
 from scripts.studies.learning.command import SeedTask, completed, finished, tables
 from scripts.studies.learning.rows import ROWS, SECTIONS
 from scripts.studies.learning.trials import (
-    Disturbed,
     Following,
     Other,
     SeedResult,
@@ -171,14 +170,6 @@ def test_a_training_continues_from_a_policy_of_another_row_of_the_same_seed(untr
     assert result.minutes > 0.0
     started, trained = (load_policy(store.folder / SeedTask(r, 0).key / BEST) for r in (row, tuned))
     assert started.record["policy_kwargs"] == trained.record["policy_kwargs"]
-
-
-def test_policies_are_evaluated_under_each_disturbance(untrained):
-    store, row = untrained
-    trial = Disturbed("ppo", files={"best": BEST}, disturbances={"actuator_delay": 2})
-    policies = trial.evaluate(store.folder / SeedTask(row, 0).key, BRIEF)
-    conditions = "undisturbed", "actuator delay", "all disturbances"
-    assert list(policies) == [f"best: {name}" for name in conditions]
 
 
 def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(monkeypatch):

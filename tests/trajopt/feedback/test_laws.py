@@ -10,6 +10,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from trajopt.feedback import laws
 from trajopt.feedback.constraint import constraint_of, output, phase_of
 from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode
 from trajopt.feedback.orbit import mean_voltage, squared_distances
@@ -42,6 +43,15 @@ def distances(law, states):
 
 
 # -- every law ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] * (n in laws.SLOW)) for n in laws.names()],
+)
+def test_every_law_in_the_folder_holds_its_gait(name, held, walk):
+    totals, _ = walk(laws.holding(name, held), held.state(np.linspace(0.05, 0.85, 4)), 8.0)
+    assert totals[:, ROW.steps].min() >= 4
 
 
 @pytest.fixture(
