@@ -48,7 +48,7 @@ FIRST, SHARE = 6, 0.3
 
 #: In a sampled jump the storage function rises by at least this share of the change of its basis,
 #: so that it falls in none between the samples.
-RISE = 2e-3
+RISE = 6e-4
 
 #: The linear program ends this far from its optimum (relative): inside of what it admits, fewer
 #: inequalities are violated between the samples. No coefficient exceeds `LARGEST` (J).
