@@ -38,7 +38,8 @@ from rimless_gym.kernel.stepping import (
     MODE,
     PHI,
     THETA,
-    advance_batch,
+    advance_batch_at,
+    kernel_address,
     machine_arrays,
     scratch,
 )
@@ -48,7 +49,7 @@ from rimless_gym.rules import LIMIT_TOLERANCE
 from trajopt.feedback.law import Floats
 from trajopt.pool import cores
 
-EVOLUTION = "the simulator for evolution (about 15 s)"
+EVOLUTION = "the walks of evolution (about 3 s)"
 
 #: Most wheels that a thread walks with at a time.
 MOST = 512
@@ -178,6 +179,7 @@ class PolicySimulator:
         results = np.zeros((len(PolicyWalks._fields), n))
         params, arrays = self.params, machine_arrays([self.params])
         slipping = params.friction * (1.0 + LIMIT_TOLERANCE)
+        kernel = kernel_address()
         block = min(MOST, LANES * math.ceil(n / (LANES * self.threads)))
 
         def part(begin: int) -> None:
@@ -187,6 +189,7 @@ class PolicySimulator:
             results[:, which] = _walk(
                 *(columns, of_wheel, duration.intervals, duration.window),
                 *(params.voltage_limit, 2.0 / params.leg_angle, slipping, *arrays, scratch()),
+                kernel,
             )
 
         with ThreadPoolExecutor(self.threads) as threads:
@@ -196,7 +199,7 @@ class PolicySimulator:
 
 @cached(EVOLUTION, nogil=True)
 def _walk(  # type: ignore[no-untyped-def]
-    states, weights, intervals, window, limit, leg_scale, slipping, constants, poles, work
+    states, weights, intervals, window, limit, leg_scale, slipping, constants, poles, work, kernel
 ):
     n = states.shape[1]
     totals = np.zeros((len(AT), n))
@@ -211,9 +214,12 @@ def _walk(  # type: ignore[no-untyped-def]
             volts[i] = limit * action(weights, wheel[i], seen)
             if t == intervals - window:
                 begun[wheel[i]] = states[THETA, i]
-        advance_batch(
-            *(constants, poles, states, volts, 0, count),
-            *(CONTROL_PERIOD, 0.0, out, work),
+        advance_batch_at(
+            kernel,
+            (
+                *(constants, poles, states, volts, np.int64(0), count),
+                *(CONTROL_PERIOD, 0.0, out, work),
+            ),
         )
         for i in range(count - 1, -1, -1):
             w = wheel[i]

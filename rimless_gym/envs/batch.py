@@ -299,7 +299,7 @@ class Batch:
 
     def frame(self, i: int) -> Frame:
         """The picture of row i."""
-        from rimless_gym.rendering.wheel import Scene, draw, on_ground  # pygame only when needed
+        from rimless_gym.rendering.wheel import Scene, draw, with_ground  # pygame only when needed
 
         self.require_begun()
         params, memory = self.params_of(i), self.memory[:, i]
@@ -313,7 +313,7 @@ class Batch:
         )
         ground = Ground(memory[MEMORY.ground_seed], memory[MEMORY.slope_std])
         if ground.slope_std > 0.0:
-            scene = on_ground(scene, params, ground, int(memory[MEMORY.foot]))
+            scene = with_ground(scene, params, ground, int(memory[MEMORY.foot]))
         return draw(params, scene)
 
     def get_state(self) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from rimless_gym.envs.task import TERM_NAMES, TERMS, rewarded
 from rimless_gym.equations import places, record
 from rimless_gym.hybrid import CONTROL_PERIOD, OK, motor_current, motor_voltage, relative_rate
 from rimless_gym.jit import ENVIRONMENT, cached, inner, written
-from rimless_gym.kernel.stepping import SCRATCH_SIZE
+from rimless_gym.kernel.stepping import SCRATCH_SIZE, advance_batch_at
 from rimless_gym.params import N_CONSTANTS
 from rimless_gym.rules import exceeds
 
@@ -63,21 +63,6 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-@intrinsic
-def _advance_batch(typing_context, address, arguments):
-    """Call `advance_batch` at an address. Where it is called by name, it is compiled in again."""
-
-    def codegen(context, builder, signature, given):
-        kinds, convention = tuple(signature.args[1]), context.call_conv
-        function = convention.get_function_type(types.none, kinds).as_pointer()
-        kernel = builder.inttoptr(given[0], function)
-        values = cgutils.unpack_tuple(builder, given[1])
-        convention.call_function(builder, kernel, types.none, kinds, values)
-        return context.get_dummy_value()
-
-    return types.none(types.int64, arguments), codegen
-
-
 @cached(ENVIRONMENT, nogil=True)
 def step_rows(address):
     """Hold the actions in a memory for one interval, with the `Arguments` at that address.
@@ -103,7 +88,7 @@ def step_rows(address):
     else:
         _hold(memory, first, last)
     duration = a[ARGUMENT.ticks] * CONTROL_PERIOD
-    _advance_batch(
+    advance_batch_at(
         a[ARGUMENT.kernel],
         (
             *(constants, poles, memory, memory[MEMORY.voltage], begin, end),

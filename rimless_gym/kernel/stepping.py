@@ -15,6 +15,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.energy import ROW
@@ -226,6 +229,21 @@ def kernel_address() -> int:
     (compiled,) = advance_batch.overloads.values()
     address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
     return address
+
+
+@intrinsic
+def advance_batch_at(typing_context: Any, address: Any, arguments: Any) -> Any:
+    """Call `advance_batch` at its address. Where it is called by name, it is compiled in again."""
+
+    def codegen(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        kinds, convention = tuple(signature.args[1]), context.call_conv
+        function = convention.get_function_type(types.none, kinds).as_pointer()
+        kernel = builder.inttoptr(given[0], function)
+        values = cgutils.unpack_tuple(builder, given[1])
+        convention.call_function(builder, kernel, types.none, kinds, values)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, arguments), codegen
 
 
 def require_steppable(params: WheelParams) -> None:

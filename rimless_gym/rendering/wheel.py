@@ -149,7 +149,7 @@ def draw_track(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
             canvas.text(f"{k * spacing:g} m", place, height, TICKS, "midtop")
 
 
-def on_ground(scene: Scene, params: WheelParams, ground: Ground, foot: int) -> Scene:
+def with_ground(scene: Scene, params: WheelParams, ground: Ground, foot: int) -> Scene:
     """The scene on rough ground, at a foothold; the ground under the hub is at height 0."""
     first, last = min(foot, 0) - SHOWN, max(foot, 0) + SHOWN
     turns = ground_turns(ground, params.leg_angle, first, last)

@@ -71,7 +71,7 @@ MUTANTS = (
     Mutant(f"{FOLDER}/task.py", "_positive + interval.idle)", "_positive)", ENVS),
     # Disturbances, starts and seeds of the environments
     Mutant(f"{FOLDER}/interval.py", "_change, i] += memory", "_change, i] -= memory", ENVS),
-    Mutant(f"{FOLDER}/disturbances.py", "phi, shift = p.b, -1", "phi, shift = p.b, 1", ENVS),
+    Mutant(f"{FOLDER}/disturbances.py", "(phi - p.a), -1", "(phi - p.a), 1", ENVS),
     Mutant(f"{FOLDER}/disturbances.py", "held[(now + length", "held[(now + 1 + length", ENVS),
     Mutant(f"{FOLDER}/starts.py", "if kind < bounds[0]:", "if kind > bounds[0]:", ENVS),
     Mutant(f"{FOLDER}/vector_env.py", "[first + i for i", "[first for i", ENVS),

@@ -13,7 +13,7 @@ from rimless_gym.envs.layout import MEMORY
 from rimless_gym.equations import DOUBLE, equations
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, GROUNDED_SIZE, MODE, advance
-from rimless_gym.rendering.wheel import Scene, height_at, on_ground
+from rimless_gym.rendering.wheel import Scene, height_at, with_ground
 from rimless_gym.streams import MOST_TURN, Ground, ground_turns
 from tests.rimless_gym.envs.rows import SAME, make
 
@@ -83,7 +83,7 @@ def test_the_drawn_feet_stand_on_the_drawn_ground() -> None:
     ground, p = Ground(0.6, 0.1), DOWNHILL.constants
     for foot in (-3, 0, 7):
         phi = p.a + turn_of(ground)(foot - 1)  # the leg behind touches down
-        scene = on_ground(Scene(phi=phi, theta=0.0), DOWNHILL, ground, foot)
+        scene = with_ground(Scene(phi=phi, theta=0.0), DOWNHILL, ground, foot)
         hub = complex(*scene.hub(DOWNHILL))
         for k in (0, 1):
             at = hub + DOWNHILL.leg_length * np.exp(-1j * (phi + k * p.alpha))

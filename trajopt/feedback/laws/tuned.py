@@ -23,7 +23,14 @@ from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import MODE, advance_batch, hybrid_states, machine_arrays, scratch
+from rimless_gym.kernel.stepping import (
+    MODE,
+    advance_batch_at,
+    hybrid_states,
+    kernel_address,
+    machine_arrays,
+    scratch,
+)
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit, has_clock, located
@@ -197,11 +204,12 @@ def walked(law: Law, states: Floats, duration: float) -> TrialWalks:
     ticks = round(duration / CONTROL_PERIOD)
     machine = machine_arrays([law.params])
     columns = np.ascontiguousarray(states).copy()
-    return TrialWalks(*_walked(columns, law.compiled, law.data, ticks, *machine, scratch()))
+    inputs = columns, law.compiled, law.data, ticks, *machine, scratch(), kernel_address()
+    return TrialWalks(*_walked(*inputs))
 
 
 @njit(error_model="numpy", nogil=True)
-def _walked(states, law, data, ticks, constants, poles, work):  # type: ignore[no-untyped-def]
+def _walked(states, law, data, ticks, constants, poles, work, kernel):  # type: ignore[no-untyped-def]
     n = states.shape[1]
     lasted, energy, distance = np.zeros(n), np.zeros(n), np.zeros(n)
     off, volts, out = np.full(n, np.inf), np.empty(n), np.empty((len(ROW), n))
@@ -210,9 +218,12 @@ def _walked(states, law, data, ticks, constants, poles, work):  # type: ignore[n
         for i in range(count):
             u = law(states[:4, i], states[MODE, i], data)
             volts[i] = min(max(u, -limit), limit)
-        advance_batch(
-            *(constants, poles, states, volts, 0, count),
-            *(CONTROL_PERIOD, 0.0, out, work),
+        advance_batch_at(
+            kernel,
+            (
+                *(constants, poles, states, volts, np.int64(0), count),
+                *(CONTROL_PERIOD, 0.0, out, work),
+            ),
         )
         for i in range(count - 1, -1, -1):
             w = wheel[i]
