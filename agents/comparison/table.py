@@ -61,7 +61,7 @@ HEADLINE = {
     "LQR about the optimum": "feedback law that holds it (`lqr`)",
     "imitation": "network cloned from the law (`imitation`)",
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
-    FRONT_POLICY: "one network for commands of 0.51 to 0.63 m/s (`front`)",
+    FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
     "PPO from scratch": "PPO from nothing, default settings",
 }

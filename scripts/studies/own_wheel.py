@@ -62,7 +62,7 @@ class Drawn(NamedTuple):
 
 def own_wheel(
     *,
-    machines: Count = 10,
+    machines: Count = 12,
     seed: Whole = 0,
     workers: Count | None = None,
     out: Path = Path("runs/own_wheel"),
@@ -70,15 +70,24 @@ def own_wheel(
     """Measure the search for gaits of machines drawn at random, and print the table.
 
     Args:
-        machines: that walk, half of each base.
+        machines: in all, half of each base.
         seed: by which they are drawn.
         workers: machines at a time; by default one for every core.
         out: folder of the results.
     """
+    half = range(machines // len(BASES))
+    tasks = {
+        key(f"{task.base}_{task.number}", drawn=drawn(task), full=FULL): (task,)
+        for task in [Drawn(base, seed, number) for base in BASES for number in half]
+    }
     with Store(out) as store:
-        rows = [row for base in BASES for row in _rows(store, base, seed, machines // 2, workers)]
-    print(markdown.formatted(COLUMNS, rows))
-    walking = [row for row in rows if row["best"]]
+        rows = stage(store, "usual", tasks, usual, workers)
+        best = stage(store, "full", tasks, full, workers)
+    for name, row in rows.items():
+        row["best"] = min((cot for cot in (row["cot"], best[name]) if cot), default=None)
+        row["above"] = row["cot"] / row["best"] - 1 if row["cot"] else None
+    print(markdown.formatted(COLUMNS, list(rows.values())))
+    walking = [row for row in rows.values() if row["best"]]
     near = sum(row["cot"] is not None and row["above"] <= NEAR for row in walking)
     print(f"within {NEAR:.0%} of the full search: {near} of {len(walking)} machines that walk")
     return 0
@@ -96,29 +105,6 @@ def drawn(task: Drawn) -> tuple[WheelParams, float]:
     if "pendulum_reach" in values:
         values["pendulum_reach"] = max(values["pendulum_reach"], values["pendulum_length"])
     return base.replace(**values), float(SPEED * rng.uniform(1 - SHARE, 1 + SHARE))
-
-
-def _rows(
-    store: Store, base: str, seed: int, walking: int, workers: int | None
-) -> list[dict[str, Any]]:
-    """The first machines for which a search found a gait, and those between them that have none."""
-    rows: list[dict[str, Any]] = []
-    while (missing := walking - sum(bool(row["best"]) for row in rows)) > 0:
-        tasks = [Drawn(base, seed, len(rows) + i) for i in range(missing)]
-        found = [
-            stage(store, name, {_key(task): (task,) for task in tasks}, work, workers)
-            for name, work in (("usual", usual), ("full", full))
-        ]
-        for task in tasks:
-            row, best = (results[_key(task)] for results in found)
-            row["best"] = min((cot for cot in (row["cot"], best) if cot), default=None)
-            row["above"] = row["cot"] / row["best"] - 1 if row["cot"] else None
-            rows.append(row)
-    return rows
-
-
-def _key(task: Drawn) -> str:
-    return key(f"{task.base}_{task.number}", drawn=drawn(task), full=FULL)
 
 
 def usual(task: Drawn) -> dict[str, Any]:

@@ -69,7 +69,7 @@ ROWS = (
             IMITATION,
             0,
             CLONED,
-            speeds=(0.51, 0.63),
+            speeds=(0.51, 0.62),
             commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
             changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
             cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 4500},
