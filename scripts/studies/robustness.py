@@ -52,10 +52,11 @@ LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 #: Of the drawn machines, which are the same for all levels but for the level.
 SEED = 20150504
 
-#: Disturbances of the nominal machine.
+#: Disturbances, of the nominal machine and the noise also of drawn ones.
+NOISE = "encoders' noise of 0.001 rad"
 DISTURBANCES: dict[str, Mapping[str, Any]] = {
     "one period late": {"actuator_delay": 1},
-    "encoders' noise of 0.001 rad": {"sensor_noise": {"leg_angle": 1e-3, "pendulum_angle": 1e-3}},
+    NOISE: {"sensor_noise": {"leg_angle": 1e-3, "pendulum_angle": 1e-3}},
 }
 
 
@@ -166,6 +167,7 @@ def cases(count: int) -> dict[str, dict[str, Variation]]:
         "5 % payload at the hub": Variation((BUILDABLE.replace(wheel_mass=heavier),)),
         "battery at 80 %": Variation((_scaled({"voltage_limit": 0.8}),)),
         **{title: Variation((BUILDABLE,), title) for title in DISTURBANCES},
+        f"all within 2 %, {NOISE}": several["all within 2 %"]._replace(disturbances=NOISE),
     }
     return {"drawn": several, "single": single, "slopes": slopes, "others": others}
 

@@ -129,24 +129,11 @@ def fastest_move_time(distance: float = 1.0, brake: float = 1.0) -> float:
 
 
 def least_effort_move() -> Problem:
-    """Move a block of 1 kg by 1 m in 1 s, from rest to rest, at least integral of force squared."""
+    """Move a block of 1 kg by 1 m in 1 s, from rest to rest, at least integral of force squared.
+
+    That is 12, by a force of 6 - 12 t.
+    """
     return Problem((_block((-math.inf, math.inf), cost=lambda x, u, p: u**2),))
-
-
-def limited_move(distance: float = 1.0, speed: float = 0.5) -> Problem:
-    """Move a block of 1 kg from rest to rest with 1 N, fastest, at `speed` (m/s) at most."""
-    limits = {"force": (-1.0, 1.0), "v": (0.0, speed)}
-    timed = {"cost": lambda x, u, p: 1.0, "duration": (0.1, 10.0)}
-    return Problem((dataclasses.replace(_block((0.0, 0.0), distance, **timed), bounds=limits),))
-
-
-def limited_move_time(distance: float = 1.0, speed: float = 0.5) -> float:
-    """The least time (s): full force, then the limit, then full brake."""
-    return distance / speed + speed
-
-
-#: The least cost of `least_effort_move`: the force is 6 - 12 t.
-LEAST_EFFORT = 12.0
 
 
 def least_work_move(force: float = 10.0) -> Problem:
@@ -184,27 +171,6 @@ def bryson_denham_cost(limit: float = 1 / 9) -> float:
     return 4 / (9 * limit)
 
 
-def string_on_floor(height: float = 1.0, length: float = 4.0) -> Problem:
-    """A string under its weight between two nails above a floor; "time" runs from nail to nail."""
-    string = Phase(
-        "string",
-        states=("height",),
-        controls=("slope",),
-        flow=lambda x, u, p: u,
-        cost=lambda x, u, p: x + 0.5 * u**2,
-        bounds={"height": (0.0, math.inf)},
-        start={"height": height},
-        end={"height": height},
-        duration=length,
-    )
-    return Problem((string,))
-
-
-def string_on_floor_energy(height: float = 1.0) -> float:
-    """The least energy of a string that lies on the floor: parabolas s^2 / 2 rise from there."""
-    return 2 / 3 * (2 * height) ** 1.5
-
-
 def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
     """Turn a load by 1 rad in 1 s, from rest to rest, through the gear that takes least torque.
 
@@ -223,21 +189,16 @@ def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
     return Problem((turn,), parameters={"ratio": (0.1, 100.0)})
 
 
-def gear_ratio(motor: float = 0.02, load: float = 0.5) -> float:
-    """The best ratio, at which the inertias match.
+def gear_cost(motor: float = 0.02, load: float = 0.5) -> float:
+    """The least cost: the least effort at the ratio sqrt(load / motor), at which inertias match.
 
     The torque is (motor ratio + load / ratio) times the load's acceleration.
     """
-    return math.sqrt(load / motor)
-
-
-def gear_cost(motor: float = 0.02, load: float = 0.5) -> float:
-    """The least cost: `LEAST_EFFORT` with matched inertias."""
-    return LEAST_EFFORT * 4 * motor * load
+    return 12.0 * 4 * motor * load
 
 
 def coasting() -> Problem:
-    """Bring x to 0 at least integral of x^2: full speed for 1 s, then a singular arc of 1 s."""
+    """Bring x to 0 at least integral of x^2, 1/3: full speed for 1 s, then a singular arc."""
     coast = Phase(
         "coast",
         states=("x",),
@@ -249,10 +210,6 @@ def coasting() -> Problem:
         duration=2.0,
     )
     return Problem((coast,))
-
-
-#: The least cost of `coasting`: that of the first second.
-COASTING = 1 / 3
 
 
 def unstable(duration: float = 40.0) -> Problem:
@@ -437,16 +394,14 @@ PROBLEMS = (
     Example(cart_pole, lambda: SWING_UP),
     Example(bouncing_ball, bouncing_ball_energy),
     Example(fastest_move, fastest_move_time),
-    Example(least_effort_move, lambda: LEAST_EFFORT),
+    Example(least_effort_move, lambda: 12.0),
     Example(least_work_move, least_work),
     Example(bryson_denham, bryson_denham_cost),
-    Example(limited_move, limited_move_time),
-    Example(string_on_floor, string_on_floor_energy),
     Example(gear, gear_cost),
     Example(hanging_chain, hanging_chain_energy),
     Example(passive_wheel, passive_wheel_rate),
     Example(compass_walker, lambda: COMPASS),
-    Example(coasting, lambda: COASTING),
+    Example(coasting, lambda: 1 / 3),
     Example(unstable, lambda: HELD),
     Example(free_flying_robot, lambda: FLOWN),
 )

@@ -33,33 +33,36 @@ from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
 from trajopt.feedback.gait_table import (
+    FAR,
+    IDENTIFIED_BLEND,
     GaitTable,
-    Neighbour,
     flat,
     gains_of,
     law_about,
-    law_of,
     own_gait,
 )
 from trajopt.feedback.law import Floats
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import has_clock, located, squared_distances
+from trajopt.feedback.orbit import Orbit, has_clock, located, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import Noise, identify
+from trajopt.identification.fit import identify
 from trajopt.identification.log import Log, LogError
 
-#: A machine so many steps away (the root of the sum of squares) has its gait solved for, which is
-#: used so long after the fit (s); until then it has the table's law, then that with a correction.
-FAR, PLANNING = 2.5, 4.0
+#: After so many fits a machine far from the table's, and one that is to walk at another speed, has
+#: its own gait solved for first; then again, whenever there are twice as many fits.
+PLANNED = 1, 2
 
-#: After so many fits the wanted gait is solved for, where it is not the table's: each time, about
-#: twice as much is known.
-REPLANNED = (2, 4, 8, 16)
+#: Time (s) that a gait takes to solve for and to try, on average, on one core: a law is used so
+#: much later for every gait that was tried.
+SOLVING = 2.0
 
 #: How many walks try the law about such a gait in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
+
+#: At how many states the distance between two gaits is measured.
+COMPARED = 32
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
@@ -71,10 +74,15 @@ _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
 
 
 class Plan(NamedTuple):
-    """The law about the gait of an identified machine, and the tick from which on it is used."""
+    """The law about the gait of an identified machine, flat.
+
+    Attributes:
+        tick: from which on it is used.
+        fits: how many there had been.
+    """
 
     tick: int
-    params: WheelParams
+    fits: int
     law: Floats
 
 
@@ -104,6 +112,12 @@ class Approach(NamedTuple):
         near = near_for(law)
         return cls(gait, startup_for(law, near, lost_return(gait), folder), near)
 
+    def around(self, orbit: Orbit) -> Approach:
+        """The approach to another orbit, whose law acts from as much farther away as that is."""
+        states = self.gait.state(self.gait.duration * (np.arange(COMPARED) + 0.5) / COMPARED)
+        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).mean()
+        return self._replace(near=self.near + float(apart))
+
 
 def sturdy(gait: Solution) -> Solution:
     """The gait itself or, if it lands more slowly than `LANDING`, one whose steps last longer."""
@@ -121,7 +135,6 @@ class AdaptiveController:
         table: of laws about the gait that is walked first.
         first: the approach to it.
         wanted: the approach to another gait, if it is another one.
-        noise: of the encoders that log the walk.
         encoders: standard deviation of the errors that are added to the logged angles (rad), where
             a simulation's are exact.
     """
@@ -129,13 +142,10 @@ class AdaptiveController:
     table: GaitTable
     first: Approach
     wanted: Approach | None = None
-    noise: Noise = dataclasses.field(default_factory=Noise)
     encoders: float = 1e-3
 
     @classmethod
-    def about(
-        cls, gait: Solution, folder: Path | None = None, workers: int | None = None
-    ) -> AdaptiveController:
+    def about(cls, gait: Solution, folder: Path | None = None) -> AdaptiveController:
         """The controller whose nominal machine and gait are these; see `GaitTable.about`.
 
         A gait whose voltage is not held for a control period is solved again with that.
@@ -148,7 +158,7 @@ class AdaptiveController:
                 guess=gait,
             )
         first = sturdy(gait)
-        table = GaitTable.about(first, folder=folder, workers=workers)
+        table = GaitTable.about(first, folder)
         wanted = None if first is gait else Approach.to(gait, folder)
         return cls(table, Approach.to(first, folder), wanted)
 
@@ -162,37 +172,41 @@ class AdaptiveController:
         """Of the contact guard, which must not act on either gait."""
         return min(margin_for(each.gait) for each in (self.first, self.wanted) if each)
 
-    def efficient_law(self, params: WheelParams) -> Floats | None:
-        """The law about a machine's own gait, with a step of the wanted time or of a longer one.
+    def approach_to(self, orbit: Orbit) -> Approach:
+        """The approach to the gait of some machine: that whose own gait is nearer."""
+        ways = [each.around(orbit) for each in (self.first, self.wanted) if each]
+        return min(ways, key=lambda each: each.near)
 
-        Steps are made longer until that costs more than the best gait so far. Only gaits count to
-        which simulated walks come from the gait that is walked first, and on which they stay. The
-        law is flat; None if there is no such gait.
+    def efficient_law(self, params: WheelParams) -> tuple[Floats | None, int]:
+        """The law about a machine's own gait, flat, and how many gaits were tried.
+
+        A step of it lasts as long as one of the wanted gait or, if there is no such gait or the law
+        does not hold it, as little longer as is found: from the machine's own version of the gait
+        that is walked first, steps are made shorter. A law holds a gait if simulated walks come to
+        it from the first gait, and stay on it. None if none is held.
         """
-        assert self.wanted is not None
-        first, wanted = self.first.gait, self.wanted.gait
-        periods = round((first.duration - wanted.duration) / first.steps / CONTROL_PERIOD)
-        best = None
-        for longer in range(periods):
-            gait = own_gait(wanted, params, longer)
-            if gait is None or not gait.verification.passed:
-                continue
-            if best is not None and gait.cot >= best.cot:
+        first, wanted = self.first.gait, (self.wanted or self.first).gait
+        law = self._held_law(own_gait(dataclasses.replace(wanted, params=params), params, 0))
+        tried, gait = 1, own_gait(first, params, 0) if law is None else None
+        while gait is not None and gait.duration > wanted.duration - CONTROL_PERIOD / 2:
+            tried += 1
+            shorter = self._held_law(gait)
+            if shorter is None:
                 break
-            if self._holds(gait):
-                best = gait
-        return None if best is None else flat(law_about(best).data)
+            law, gait = shorter, own_gait(gait, params, -1)
+        return law, tried
 
-    def _holds(self, gait: Solution) -> bool:
-        """Whether walks come to a gait of the wanted kind and stay on it, simulated."""
-        assert self.wanted is not None
-        first, near = self.first.gait, self.wanted.near
+    def _held_law(self, gait: Solution | None) -> Floats | None:
+        """The law about a gait, flat, if simulated walks come to it and stay on it."""
+        if gait is None or not gait.verification.passed:
+            return None
         try:
-            law = law_about(gait)
+            law = law_about(gait, IDENTIFIED_BLEND)
         except RuntimeError:
-            return False
-        startup = dataclasses.replace(self.wanted.startup, params=gait.params)
-        switching = SwitchingController(law, startup, near)
+            return None
+        first, approach = self.first.gait, self.approach_to(law.data.orbit)
+        startup = dataclasses.replace(approach.startup, params=gait.params)
+        switching = SwitchingController(law, startup, approach.near)
         guarded = ContactGuard(gait.params, switching, self.margin)
         times = first.duration * (np.arange(TRIALS) + 0.5) / TRIALS
         states = hybrid_states(first.state(times), SINGLE)
@@ -202,8 +216,9 @@ class AdaptiveController:
             out = advance(gait.params, states, volts, CONTROL_PERIOD)
             slips = exceeds(out[:, ROW.friction_demand].max(), gait.params.friction)
             if out[:, ROW.failure].any() or (slips and tick > ticks / 2):
-                return False
-        return bool((squared_distances(states[:, :4], law.data.orbit) < near**2).all())
+                return None
+        held = squared_distances(states[:, :4], law.data.orbit) < self.first.near**2
+        return flat(law.data) if held.all() else None
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -230,6 +245,7 @@ class AdaptiveWalks:
         self.machines = [controller.params] * n
         self.identified = np.zeros(n, dtype=np.int64)
         self._data = [controller.table.law.data] * n
+        self._approaches = [controller.first] * n  # to the gaits of these laws
         self.plans: list[Plan | None] = [None] * n
         self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table
@@ -273,7 +289,7 @@ class AdaptiveWalks:
             "machines": [each.to_dict() for each in self.machines],
             "covariance": self._covariance.copy(),
             **{
-                name: [None if p is None else [p.tick, p.params.to_dict(), p.law] for p in plans]
+                name: [None if p is None else list(p) for p in plans]
                 for name, plans in (("plans", self.plans), ("next", self._next))
             },
             "identified": self.identified.copy(),
@@ -288,33 +304,26 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self.plans, self._next = (
-            [p and Plan(p[0], WheelParams(**p[1]), np.array(p[2])) for p in state[name]]
-            for name in ("plans", "next")
+            [p and Plan(*p[:2], np.array(p[2])) for p in state[name]] for name in ("plans", "next")
         )
         for row in range(len(self.machines)):
             self._choose(row)
         for each, known in zip(self._rng, state["random"], strict=True):
             each.bit_generator.state = known
 
-    def _approach(self, row: int) -> Approach:
-        """To the gait that a walk's law is about."""
-        first, wanted = self.controller.first, self.controller.wanted
-        return first if wanted is None or self.plans[row] is None else wanted
-
     def _choose(self, row: int) -> None:
-        """The law in use: the table's, corrected by a plan, or the plan's."""
+        """The law in use, the table's or the plan's, and the approach to its gait."""
         table, plan = self.controller.table, self.plans[row]
-        law = table.at(self.machines[row])
-        if plan is not None:
-            wanted = self.controller.wanted is not None
-            law = plan.law if wanted else plan.law + law - table.at(plan.params)
-        self._data[row] = gains_of(law, table.law.data)
+        law = table.at(self.machines[row]) if plan is None else plan.law
+        blend = table.law.data.blend if plan is None else IDENTIFIED_BLEND
+        self._data[row] = gains_of(law, table.law.data)._replace(blend=blend)
+        self._approaches[row] = self.controller.approach_to(self._data[row].orbit)
 
     def _volts(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:
         """The law's voltage near its gait, and the start-up controller's elsewhere."""
         volts = np.empty(len(x))
         for i, row in enumerate(rows.tolist()):
-            approach = self._approach(row)
+            approach = self._approaches[row]
             volts[i], squared = _voltage(x[i], modes[i], self._data[row])
             if modes[i] == DOUBLE or squared > approach.near**2:
                 startup = dataclasses.replace(approach.startup, params=self.machines[row])
@@ -334,7 +343,6 @@ class AdaptiveWalks:
                 self.machines[row] if known else table.params,
                 table.names,
                 covariance=FORGETTING * self._covariance[row] if known else None,
-                noise=self.controller.noise,
             )
         except LogError:
             self._covariance[row] = np.nan  # what was known may be wrong; the law stays
@@ -347,14 +355,11 @@ class AdaptiveWalks:
 
     def _plan(self, row: int) -> None:
         """Solve for the gait of a machine that needs its own."""
-        controller, params = self.controller, self.machines[row]
-        table, wanted, count = controller.table, controller.wanted, int(self.identified[row])
-        far = np.linalg.norm(table.steps(params)) > FAR
-        if wanted is not None and count in REPLANNED:
-            law = controller.efficient_law(params)
-        elif wanted is None and far and self.plans[row] is None:
-            law = law_of(Neighbour(table.gait, params))
-        else:
-            return
-        if law is not None:
-            self._next[row] = Plan(self.tick + round(PLANNING / CONTROL_PERIOD), params, law)
+        controller, params, plan = self.controller, self.machines[row], self.plans[row]
+        other, fits = controller.wanted is not None, int(self.identified[row])
+        far = np.linalg.norm(controller.table.steps(params)) > FAR
+        if (other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits):
+            law, tried = controller.efficient_law(params)
+            if law is not None:
+                later = round(SOLVING * tried / CONTROL_PERIOD)
+                self._next[row] = Plan(self.tick + later, fits, law)

@@ -28,13 +28,18 @@ from trajopt.store import Store, key
 #: By how much each parameter differs in the table, up and down: a share, and of the slope (rad).
 SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
 
+#: How far (in steps) the table is extrapolated in each parameter; a machine farther away in all of
+#: them (the root of the sum of squares) has its gait solved for.
+FAR = 2.5
+
 #: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
 #: their kind within it.
 BENT = 0.5
 
 #: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
-#: what is left of a wrong model then costs less.
-GENTLE, BLEND = 1.0, 0.2
+#: what is left of a wrong model then costs less. An identified machine has a firmer blend: up a
+#: slope of one degree the gentle one leaves the wheel in another cycle, for a third more.
+GENTLE, BLEND, IDENTIFIED_BLEND = 1.0, 0.2, 0.1
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -55,26 +60,18 @@ class GaitTable:
     rows: Floats
 
     @classmethod
-    def about(
-        cls,
-        gait: Solution,
-        names: Sequence[str] | None = None,
-        folder: Path | None = None,
-        workers: int | None = None,
-    ) -> GaitTable:
+    def about(cls, gait: Solution, folder: Path | None = None) -> GaitTable:
         """Solve for the gaits, which takes some 3 s of one core each.
 
         Args:
             gait: the nominal one, held for a control period.
-            names: of the parameters that may differ; by default the physical ones and the slope.
             folder: where finished rows are stored; None: nowhere.
-            workers: processes; by default one for every core.
 
         Raises:
             ValueError: a machine that differs has no such gait, or too different a law.
         """
         nominal = gait.params
-        names = (*physical(nominal), "slope") if names is None else tuple(names)
+        names = (*physical(nominal), "slope")
         machines = [nominal] + [
             dataclasses.replace(nominal, **{name: getattr(nominal, name) + sign * step})
             for name, step in zip(names, _steps(nominal, names), strict=True)
@@ -88,7 +85,7 @@ class GaitTable:
         todo = [
             Neighbour(gait, each) for each, k in zip(machines, keys, strict=True) if k not in rows
         ]
-        for task, row in run(law_of, todo, workers, progress="gaits of changed machines"):
+        for task, row in run(law_of, todo, progress="gaits of changed machines"):
             name = keys[machines.index(task.params)]
             rows[name] = row
             if store is not None:
@@ -106,8 +103,8 @@ class GaitTable:
         return np.array(changes) / _steps(self.params, self.names)
 
     def at(self, params: WheelParams) -> Floats:
-        """The `flat` law of a machine, (m,)."""
-        d = self.steps(params)[:, None]
+        """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""
+        d = np.clip(self.steps(params), -FAR, FAR)[:, None]
         up, down = self.rows[1::2] - self.rows[0], self.rows[2::2] - self.rows[0]
         return np.asarray(self.rows[0] + ((up - down) * d + (up + down) * d**2).sum(axis=0) / 2)
 
@@ -155,10 +152,11 @@ def law_of(task: Neighbour) -> Floats | None:
 def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | None:
     """The gait of a machine, whose steps last some control periods longer than another's.
 
-    The search starts from the other gait as it is, which takes a second, or from that which is
-    continued to this machine.
+    The search starts from the other gait as it is, which takes a second, or, where that is of
+    another machine, from what it is continued to.
     """
-    for guess in (dataclasses.replace(gait, params=params), gait):
+    as_it_is = dataclasses.replace(gait, params=params)
+    for guess in (as_it_is,) if gait.params == params else (as_it_is, gait):
         try:
             return periodic_gait(
                 *(params, None, gait.steps, gait.regeneration),
@@ -172,10 +170,10 @@ def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | Non
     return None
 
 
-def law_about(gait: Solution) -> Law:
+def law_about(gait: Solution, blend: float = BLEND) -> Law:
     """The LQR about a gait, as the table has it."""
     law = lqr.design(gait, GENTLE)
-    return dataclasses.replace(law, data=law.data._replace(blend=BLEND))
+    return dataclasses.replace(law, data=law.data._replace(blend=blend))
 
 
 def flat(data: lqr.LqrGains) -> Floats:

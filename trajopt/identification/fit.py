@@ -24,7 +24,7 @@ import numpy as np
 from rimless_gym.checks import positive, require_kind
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.params import WheelParams
-from rimless_gym.presets import Machine, as_params
+from rimless_gym.presets import BUILDABLE, Machine, as_params
 from rimless_gym.symbolic import Design, HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.identification.log import Log, LogError, require_usable
@@ -360,6 +360,9 @@ class _Fit:
         k, log = len(p), self.log
         substeps = math.ceil(log.period / STEP - 1e-9)
         measured, sd = self._measured()
+        # the free parameters are p; with those of one machine for all, the functions are cached
+        free = {name: getattr(BUILDABLE, name) for name in self.free}
+        model = dataclasses.replace(self.params, pendulum_reach=None, **free)
         r = np.zeros((n, length, len(self.channels)))
         J = np.zeros((*r.shape, 4 + k))
         x, S = pieces.states.copy(), np.zeros((n, 4, 4 + k))
@@ -369,7 +372,7 @@ class _Fit:
             alive = np.flatnonzero(pieces.inside[:, s])
             samples = pieces.begins[alive] + s
             y, C, D, after, A, B = _step(
-                *(self.params, self.free, substeps, log.period),
+                *(model, self.free, substeps, log.period),
                 *(pieces.mode[alive], x[alive], log.voltage[samples], p),
             )
             error = y[:, chosen] - measured[samples]

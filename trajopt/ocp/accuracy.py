@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate
+from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate, limits_on_grid
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
+from trajopt.ocp.pontryagin import finite
 from trajopt.ocp.problem import Phase, Problem
-from trajopt.ocp.scaling import PhaseScales, Scales, scales_of
+from trajopt.ocp.scaling import PhaseScales, Scales, jacobian, scales_of
 from trajopt.ocp.schemes import full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
@@ -23,8 +25,12 @@ from trajopt.ocp.transcription import Result, Transcription
 #: By how much refining the mesh may raise the cost of one and the same optimum (relative).
 SAME_COST = 5e-3
 
-#: Steps of the 8th-order integrator per element.
-STEPS = 2
+#: IPOPT's status where a function or a derivative is not finite.
+UNDEFINED = "Invalid_Number_Detected"
+
+#: Steps of the 8th-order integrator per element: the fewest and the most, and how many of the
+#: fastest time constants of a stiff motion a step may last, within which it is stable.
+STEPS, STABLE = (2, 200), 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,10 +71,13 @@ class Candidate:
         """Largest error of the states within an element; see `Quality.state_error`."""
         return float(max(quality.state_error.max() for quality in self.qualities))
 
-    @property
-    def overshoot(self) -> float:
-        """Largest violation of a path constraint between the nodes, relative."""
-        return float(max(quality.path_violation.max() for quality in self.qualities))
+    @cached_property
+    def limits(self) -> tuple[Violation, ...]:
+        """Limits that are violated between the nodes, worst first; see `audit`."""
+        result, problem = self.result, self.transcription.problem
+        solution = result.phases, result.parameters
+        slopes = _undefined(problem, *solution, jacobian) if result.status == UNDEFINED else []
+        return (*slopes, *audit(problem, *solution, self.scales))
 
     def costs_more_than(self, other: Candidate) -> bool:
         """Whether it costs so much more that it must be another optimum."""
@@ -126,9 +135,9 @@ def assess(
     integral = np.cumsum(trapezia, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
-    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p, scales)
-    path = paths[0][2].max(axis=1) if paths else np.zeros((len(states), 1))
-    outside = np.concatenate([of_states, of_controls], axis=-1)
+    limits = [outside for _, _, outside in limits_on_grid(phase, trajectory, p, scales)]
+    path = np.maximum(limits[2].max(axis=1), 0.0) if limits[2:] else np.zeros((len(states), 1))
+    outside = np.concatenate(limits[:2], axis=-1)
     return Quality(
         (np.abs(integral) / scale).max(axis=(1, 2)),
         (np.abs(step) / scale).max(axis=1),
@@ -171,47 +180,30 @@ def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
 def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
     """States (M, nx) at the elements' right edges, integrated from their left edges.
 
-    They may be infinite or NaN on long stiff elements, where an explicit method fails.
+    They may be infinite or NaN where a motion is too stiff for an explicit method.
     """
-    y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / STEPS
-    for step in range(STEPS):
-        rates: list[Array] = []
+    rates = np.abs(np.linalg.eigvals(mean_slopes(phase, trajectory, p))).max(axis=1)
+    needed = math.ceil((rates * trajectory.element_durations).max() / STABLE)
+    steps = min(max(needed, STEPS[0]), STEPS[1])
+    y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / steps
+    for step in range(steps):
+        flows: list[Array] = []
         for i, row in enumerate(DOP853.A):
-            x = y + h * sum((a * f for a, f in zip(row, rates, strict=False)), start=0.0 * y)
-            s = (step + DOP853.C[i]) / STEPS
+            x = y + h * sum((a * f for a, f in zip(row, flows, strict=False)), start=0.0 * y)
+            s = (step + DOP853.C[i]) / steps
             basis = lagrange_matrix(trajectory.control_nodes, np.array([s]))[0]
             u = np.einsum("m,emu->eu", basis, trajectory.controls)
-            rates.append(evaluated(phase.flow, x, u, p))
-        y = y + h * sum((b * f for b, f in zip(DOP853.B, rates, strict=True)), start=0.0 * y)
+            flows.append(evaluated(phase.flow, x, u, p))
+        y = y + h * sum((b * f for b, f in zip(DOP853.B, flows, strict=True)), start=0.0 * y)
     return y
 
 
-def beyond(values: Array, lower: Array, upper: Array) -> Array:
-    """How far values (..., m) are outside bounds (m,); negative inside."""
-    return np.asarray(np.maximum(lower - values, values - upper))
-
-
-def _limits(
-    phase: Phase, trajectory: PhaseTrajectory, p: Array, scales: PhaseScales
-) -> list[tuple[str, dict[str, float], Array]]:
-    """Kind, scales of m names, and relative excesses (M, samples, m): states, controls, path.
-
-    States are allowed what their ends, which have bounds of their own, are outside those all along.
-    """
-    states, _, controls = _dense(trajectory)
-    ends = np.stack([trajectory.start, trajectory.end])
-    at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
-    limits = [
-        ("bound", phase.states, scales.states, beyond(states, *phase.state_bounds()) - at_ends),
-        ("bound", phase.controls, scales.controls, beyond(controls, *phase.control_bounds())),
-    ]
-    if phase.path is not None:
-        excess = phase.path.violation(evaluated(phase.path.function, states, controls, p))
-        limits.append(("path constraint", phase.path.names, scales.path, excess))
-    return [
-        (kind, dict(zip(names, units.tolist(), strict=True)), excess / units)
-        for kind, names, units, excess in limits
-    ]
+def mean_slopes(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
+    """The derivatives of the flow with respect to the states, every element's mean (M, nx, nx)."""
+    nx = len(phase.states)
+    controls = lagrange_matrix(trajectory.control_nodes, trajectory.nodes) @ trajectory.controls
+    slopes = evaluated(jacobian(phase.flow), trajectory.states, controls, p)[..., : nx * nx]
+    return finite(slopes.mean(axis=1)).reshape(-1, nx, nx).swapaxes(1, 2)
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
@@ -225,22 +217,30 @@ def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     return basis @ trajectory.states, slope @ trajectory.states, controls
 
 
-def _undefined(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> list[Violation]:
-    """Every function's first time at which it is not finite."""
+def _undefined(
+    problem: Problem,
+    phases: Sequence[PhaseTrajectory],
+    p: Array,
+    of: Callable[[Any], Any] = lambda function: function,
+) -> list[Violation]:
+    """Every function's first time at which it, or its Jacobian, is not finite."""
     violations = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
         x, _, u = _dense(trajectory)
         for kind in ("flow", "cost", "powers", "path", "integral"):
-            function = getattr(phase, kind)
-            if function is None:
+            given = getattr(phase, kind)
+            if given is None:
                 continue
-            names = phase.states if kind == "flow" else getattr(function, "names", None)
-            values = evaluated(getattr(function, "function", function), x, u, p)
-            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1))):
-                time = float(times[~np.isfinite(values[..., row])].min())
+            names = phase.states if kind == "flow" else getattr(given, "names", None)
+            function = getattr(given, "function", given)
+            values = evaluated(of(function), x, u, p)
+            values = values.reshape(*values.shape[:2], -1, function.size1_out(0))
+            called = kind if of(function) is function else f"derivative of {kind}"
+            for row in np.flatnonzero(~np.isfinite(values).all(axis=(0, 1, 2))):
+                time = float(times[~np.isfinite(values[..., row]).all(axis=-1)].min())
                 name = names[row] if names else ""
-                violations.append(Violation(kind, name, phase.name, time, math.inf, math.inf))
+                violations.append(Violation(called, name, phase.name, time, math.inf, math.inf))
     return violations
 
 
@@ -254,10 +254,9 @@ def audit(
     violations = _undefined(problem, phases, p)
     for phase, trajectory, each in zip(problem.phases, phases, scales.phases, strict=True):
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
-        for kind, units, outside in _limits(phase, trajectory, p, each):
-            for (name, unit), excess in zip(
-                units.items(), np.moveaxis(outside, -1, 0), strict=True
-            ):
+        for kind, units, outside in limits_on_grid(phase, trajectory, p, each):
+            rows = zip(units.items(), np.moveaxis(outside, -1, 0), strict=True)
+            for (name, unit), excess in rows:
                 worst = np.unravel_index(np.argmax(excess), excess.shape)
                 relative = float(excess[worst])
                 if relative > NOTEWORTHY:

@@ -24,8 +24,10 @@ from trajopt.ocp.arrays import Array
 from trajopt.ocp.equations import path_nodes
 from trajopt.ocp.layout import evaluated
 from trajopt.ocp.pontryagin import SLOPE, WEIGHTS, Inside, View, finite, gaps
-from trajopt.ocp.scaling import Scales
+from trajopt.ocp.problem import Phase
+from trajopt.ocp.scaling import PhaseScales, Scales
 from trajopt.ocp.schemes import control_nodes, lagrange_matrix
+from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription
 
 #: Points of the dense grid on an element, less one, and the grid itself: Chebyshev points. A
@@ -125,13 +127,13 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
     for i, (view, inside) in enumerate(zip(views, insides, strict=True)):
         of_x, of_path = scales.phases[i].states, scales.phases[i].path
         multipliers = _limit_multipliers(transcription, result, i)
-        inactive = multipliers * np.concatenate([of_x, of_path]) < ACTIVE * scales.cost
-        multipliers[inactive] = 0.0
+        multipliers *= np.concatenate([of_x, of_path])
+        multipliers[multipliers < ACTIVE * scales.cost] = 0.0
         jump = np.abs(inside.from_left - inside.from_right).max(axis=1) * of_x
         limited = multipliers.any(axis=1) & (jump > ACTIVE * scales.cost).any(axis=1)
         found.append(gaps(view, inside, scales.phases[i], limited))
         defects.append(_defect_cost(view, inside))
-        limits.append(_limit_costs(view, multipliers))
+        limits.append(_limit_costs(view, multipliers, scales.phases[i]))
     cost_gaps, switches = zip(*found, strict=True)
     widths = [t.element_durations / t.duration for t in result.phases]
     return Certificate(
@@ -182,22 +184,45 @@ def _limit_multipliers(transcription: Transcription, result: Result, index: int)
     return multipliers
 
 
-def _limit_costs(view: View, multipliers: Array) -> Array:
-    """What limits cost that are not met exactly, given multipliers (M, nx + m), shape (M,).
+def _limit_costs(view: View, multipliers: Array, scales: PhaseScales) -> Array:
+    """What limits cost that are not met exactly, shape (M,), given multipliers (M, nx + m).
 
-    A path constraint that an element violates has to be moved inwards in the whole phase.
+    The multipliers are costs per scale of what is limited. A path constraint that an element
+    violates has to be moved inwards in the whole phase.
     """
-    t, path = view.trajectory, view.phase.path
-    x = lagrange_matrix(t.nodes, GRID) @ t.states
-    lower, upper = view.phase.state_bounds()
-    outside = np.maximum(lower - x, x - upper)
-    at_ends = np.maximum(outside[[0, -1], [0, -1]], 0.0).max(axis=0)  # these have their own bounds
-    excess, everywhere = [(outside - at_ends).max(axis=1)], multipliers.copy()
-    if path is not None:
-        u = lagrange_matrix(t.control_nodes, GRID) @ t.controls
-        values = evaluated(path.function, x, u, view.p)
-        excess.append(np.maximum(path.lower - values, values - path.upper).max(axis=1))
-        everywhere[:, len(lower) :] = multipliers.sum(axis=0)[len(lower) :]
-    amounts = np.hstack(excess)
+    limits = limits_on_grid(view.phase, view.trajectory, view.p, scales)
+    states, _, *path = (excess.max(axis=1) for _, _, excess in limits)
+    amounts, everywhere = np.hstack([states, *path]), multipliers.copy()
+    everywhere[:, states.shape[1] :] = multipliers.sum(axis=0)[states.shape[1] :]
     factors = np.where(amounts > 0.0, everywhere, multipliers)
     return np.where(factors > 0.0, factors * np.abs(amounts), 0.0).sum(axis=1)
+
+
+def limits_on_grid(
+    phase: Phase, trajectory: PhaseTrajectory, p: Array, scales: PhaseScales
+) -> list[tuple[str, dict[str, float], Array]]:
+    """Kind, scales of m names, and relative excesses (M, samples, m): states, controls, path.
+
+    Excesses are negative inside. States are allowed what their ends, which have bounds of their
+    own, are outside those all along.
+    """
+    x = lagrange_matrix(trajectory.nodes, GRID) @ trajectory.states
+    u = lagrange_matrix(trajectory.control_nodes, GRID) @ trajectory.controls
+    ends = np.stack([trajectory.start, trajectory.end])
+    at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
+    limits = [
+        ("bound", phase.states, scales.states, beyond(x, *phase.state_bounds()) - at_ends),
+        ("bound", phase.controls, scales.controls, beyond(u, *phase.control_bounds())),
+    ]
+    if phase.path is not None:
+        excess = beyond(evaluated(phase.path.function, x, u, p), phase.path.lower, phase.path.upper)
+        limits.append(("path constraint", phase.path.names, scales.path, excess))
+    return [
+        (kind, dict(zip(names, units.tolist(), strict=True)), excess / units)
+        for kind, names, units, excess in limits
+    ]
+
+
+def beyond(values: Array, lower: Array, upper: Array) -> Array:
+    """How far values (..., m) are outside bounds (m,); negative inside."""
+    return np.asarray(np.maximum(lower - values, values - upper))

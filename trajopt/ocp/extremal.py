@@ -20,7 +20,6 @@ from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.certificate import Certificate
 from trajopt.ocp.constraints import Violation, pair
-from trajopt.ocp.layout import evaluated
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.pontryagin import PLACES, View
 from trajopt.ocp.problem import Problem
@@ -42,13 +41,17 @@ SUBOPTIMAL = 1e-4
 #: Simulated states that are off by more than this, relative to their scales, mean nothing.
 MEANINGLESS = 0.1
 
-#: IPOPT's status for a success.
-SUCCESS = "Solve_Succeeded"
+#: IPOPT's status for a success, and where it finds no way to satisfy all constraints.
+SUCCESS, INFEASIBLE = "Solve_Succeeded", "Infeasible_Problem_Detected"
 
-#: Numbers of one problem differ by less than this on all processors: relative, and absolute.
-SAME_NUMBERS, ROUNDING = 1e-9, 1e-13
+#: Numbers of one problem differ by less than this (relative) on all processors.
+SAME_NUMBERS = 1e-9
 
-FORMAT = "trajopt extremal 5"
+#: Functions of two problems are compared at so many places along a solution, and at as many that
+#: are so far away, relative to its scales.
+SAMPLES, RADII = 8, (0.0, 0.1, 1.0, 10.0)
+
+FORMAT = "trajopt extremal 6"
 
 REMEDY = "copy it again, or solve its problem again"
 
@@ -158,7 +161,9 @@ class Extremal:
         """What is wrong, in words; empty if the solution converged."""
         failures = []
         if not self.succeeded:
-            failures.append(f"IPOPT: {self.status}")
+            others = " from this guess; `multi_start` tries others"
+            hint = others if self.status == INFEASIBLE else ""
+            failures.append(f"IPOPT: {self.status}{hint}")
         if self.status == DIVERGING:
             failures.append("the cost has no minimum, or limits contradict each other")
         failures += [str(violation) for violation in self.violations[:3]]
@@ -311,12 +316,8 @@ class Extremal:
         begins = [0.0, *self._ends[:-1]]
         for i, (phase, path) in enumerate(zip(self.problem.phases, self.phases, strict=True)):
             certificate = self.certificate
-            multipliers = (
-                certificate.costates[i],
-                self.parameters,
-                certificate.integral_multipliers[i],
-            )
-            view = View(phase, path, *multipliers)
+            costates, of_integrals = certificate.costates[i], certificate.integral_multipliers[i]
+            view = View(phase, path, costates, self.parameters, of_integrals)
             inside = view.inside()
             x, u, slopes = inside.states, inside.controls, inside.costates()
             sides = np.dstack([x, u]), np.dstack([slopes, view.switching(x, u, slopes)])
@@ -351,7 +352,8 @@ class Extremal:
         """
         attributes = dataclasses.asdict(dataclasses.replace(self, problem=None))  # type: ignore[arg-type]
         arrays: dict[str, Any] = {}
-        attributes["numbers"] = _numbers(self.problem, self.phases, self.parameters)
+        units = attributes["units"] = self.scales.flat
+        attributes["numbers"] = _numbers(self.problem, self.phases, self.parameters, units)
         header = {"names": _names(self.problem), "attributes": split(attributes, arrays)}
         write_arrays(path, FORMAT, header, arrays)
 
@@ -366,14 +368,9 @@ class Extremal:
         """
         names, attributes = _read(path)
         phases, numbers = _phases(attributes), attributes.pop("numbers")
+        units, p = attributes.pop("units"), attributes["parameters"]
         other = "names or constraints" if names != _names(problem) else ""
-        if not other and not np.allclose(
-            numbers,
-            _numbers(problem, phases, attributes["parameters"]),
-            rtol=SAME_NUMBERS,
-            atol=ROUNDING,
-            equal_nan=True,
-        ):
+        if not other and not _same(numbers, _numbers(problem, phases, p, units)):
             other = "bounds, linkages or functions"
         if other:
             raise ExtremalFileError(
@@ -436,41 +433,56 @@ def _names(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> Array:
-    """All numbers of a problem, and what its functions return at places along and off a solution.
+def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, units: Array) -> Array:
+    """All numbers of a problem, and what its functions return along and around a solution.
 
-    Problems of the same names with the same numbers are the same, though traced elsewhere.
+    Every row is one quantity at `SAMPLES` places; `units` are `Scales.flat`. Problems of the same
+    names with the same numbers are the same, though traced elsewhere.
     """
+    rng = np.random.default_rng(0)
+    sizes = [n for each in problem.phases for n in (len(each.states), len(each.controls), 1)]
+    *of_phases, of_p, _ = np.split(units, np.cumsum([*sizes, len(p)]))
     numbers: list[Any] = [pair(problem.duration), *map(pair, problem.parameters.values())]
     numbers += [problem.offset(link) for link in problem.linkages]
     if problem.boundary is not None:
         numbers += [problem.boundary.lower, problem.boundary.upper]
-    for off in (0.0, 0.1):  # relative
-        starts, ends = ([(1 + off) * getattr(t, e) for t in phases] for e in ("start", "end"))
-        for link in problem.linkages:
-            numbers.append(link.map(ends[link.source], p))
-        durations = [t.duration for t in phases]
-        at_all_ends: list[Any] = [problem.endpoint_cost]
-        if problem.boundary is not None:
-            at_all_ends.append(problem.boundary.function)
-        for function in filter(None, at_all_ends):
-            numbers.append(function(np.concatenate(starts), np.concatenate(ends), durations, p))
-        for phase, path, x0, x1 in zip(problem.phases, phases, starts, ends, strict=True):
-            times = path.duration * np.linspace(0.05, 0.95, 7)
-            x, u = ((1 + off) * read(times) + off for read in (path.state, path.control))
-            along = (
-                phase.flow,
-                phase.cost,
-                phase.powers,
-                *(c and c.function for c in phase.constraints[:2]),
-            )
-            numbers += [evaluated(f, x, u, p) for f in along if f]
-            at_ends = zip((phase.at_start, phase.at_end), (x0, x1), strict=True)
-            numbers += [c.function(x, p) for c, x in at_ends if c]
     for phase in problem.phases:
         numbers += [*phase.control_bounds(), pair(phase.duration), [phase.floor]]
         for end in ("all along", "start", "end"):
             numbers += phase.state_bounds(end)
         for constraint in filter(None, phase.constraints):
             numbers += [constraint.lower, constraint.upper]
-    return np.concatenate([np.ravel(np.asarray(each, dtype=float)) for each in numbers])
+    rows: list[Any] = [np.repeat(np.concatenate(numbers)[:, None], SAMPLES, axis=1)]
+    for radius in RADII:
+
+        def around(columns: Array, unit: Array, radius: float = radius) -> Array:
+            directions = rng.uniform(-1.0, 1.0, (len(unit), SAMPLES))
+            return np.asarray(columns + radius * unit[:, None] * directions)
+
+        parameters, starts, ends, durations = around(p[:, None], of_p), [], [], []
+        for i, (phase, path) in enumerate(zip(problem.phases, phases, strict=True)):
+            of_x, of_u, of_duration = of_phases[3 * i : 3 * i + 3]
+            times = path.duration * np.linspace(0.05, 0.95, SAMPLES)
+            x, u = around(path.state(times).T, of_x), around(path.control(times).T, of_u)
+            starts.append(around(path.start[:, None], of_x))
+            ends.append(around(path.end[:, None], of_x))
+            durations.append(around(np.array([[path.duration]]), of_duration))
+            path_at, integrand, at_start, at_end = (c and c.function for c in phase.constraints)
+            along = phase.flow, phase.cost, phase.powers, path_at, integrand
+            calls: list[tuple[Any, Any]] = [(each, (x, u, parameters)) for each in along]
+            calls += [(at_start, (starts[-1], parameters)), (at_end, (ends[-1], parameters))]
+            rows += [function(*arguments) for function, arguments in calls if function]
+        everything = *map(np.vstack, (starts, ends, durations)), parameters
+        of_all = problem.endpoint_cost, problem.boundary and problem.boundary.function
+        rows += [function(*everything) for function in of_all if function]
+        rows += [link.map(ends[link.source], parameters) for link in problem.linkages]
+    return np.vstack([np.asarray(each) for each in rows])
+
+
+def _same(one: Array, other: Array) -> bool:
+    """Whether two tables of `_numbers` differ by no more than rounding, relative to each row."""
+    finite = np.where(np.isfinite(one), np.abs(one), 0.0)
+    rounding = SAME_NUMBERS * finite.max(axis=1, keepdims=True)
+    return one.shape == other.shape and bool(
+        np.isclose(one, other, rtol=0.0, atol=rounding, equal_nan=True).all()
+    )

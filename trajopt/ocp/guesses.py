@@ -9,6 +9,7 @@ import numpy as np
 
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import pair
+from trajopt.ocp.layout import middles
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.scaling import PhaseScales, implied_durations, scales_of
 from trajopt.ocp.trajectory import PhaseTrajectory
@@ -114,10 +115,3 @@ def line(first: Array, last: Array, control: Array, duration: float) -> PhaseTra
 def polyline(t: Array, x: Array, controls: int = 1) -> PhaseTrajectory:
     """Straight lines between states x (N, nx) at times t (N,), with controls of 0."""
     return _joined(t, np.hstack([x, np.zeros((len(t), controls))]), x.shape[1])
-
-
-def middles(lower: Array, upper: Array) -> Array:
-    """Middles of bounds (n,): the finite one where there is only one, NaN where there is none."""
-    both = np.isfinite(lower) & np.isfinite(upper)
-    one = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, np.nan))
-    return np.where(both, 0.5 * (np.where(both, lower, 0.0) + np.where(both, upper, 0.0)), one)

@@ -246,8 +246,14 @@ def middle(problem: Problem) -> Array:
     With a single finite bound, they are at that bound; without any, 0.
     """
     limits = np.array([pair(b) for b in problem.parameters.values()]).reshape(-1, 2)
-    finite = np.where(np.isfinite(limits), limits, limits[:, ::-1])
-    return np.asarray(np.nan_to_num(finite, posinf=0.0, neginf=0.0).mean(axis=1))
+    return np.nan_to_num(middles(*limits.T))
+
+
+def middles(lower: Array, upper: Array) -> Array:
+    """Middles of bounds (n,): the finite one where there is only one, NaN where there is none."""
+    both = np.isfinite(lower) & np.isfinite(upper)
+    one = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, np.nan))
+    return np.where(both, 0.5 * (np.where(both, lower, 0.0) + np.where(both, upper, 0.0)), one)
 
 
 def power_count(phase: Phase) -> int:

@@ -313,7 +313,7 @@ def _solved(pickled: bytes, index: int) -> Outcome:
         iterations += result.iterations
         if not result.success:
             break
-    failure = "" if result.success else f"{result.status}: {result.worst}"
+    failure = "" if result.success else ": ".join([result.status, *map(str, result.violations[:1])])
     solution = result.cost, result.phases, result.parameters
     scales = scales_of(problem, *solution[1:])
     return Outcome(index, start.kind, *solution, iterations, failure, scales)

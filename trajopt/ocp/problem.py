@@ -38,7 +38,8 @@ from trajopt.ocp.constraints import (
 #: Sums of bounds on durations that differ by less (relative) are equal.
 ROUNDING = 1e-12
 
-#: How far bounds at an end may lie outside those all along. Guards are imposed with such a margin.
+#: How far bounds at an end may lie outside those all along, relative to the largest bound of that
+#: state. Guards are imposed with such a margin.
 MARGIN = 1e-3
 
 
@@ -190,12 +191,13 @@ class Phase:
             )
 
     def _require_ends_within(self, where: str) -> None:
-        along = self.state_bounds()
-        for end in ("start", "end"):
-            lower, upper = self.state_bounds(end)
+        along, ends = self.state_bounds(), {e: self.state_bounds(e) for e in ("start", "end")}
+        sizes = np.abs([*along, *ends["start"], *ends["end"]])
+        room = MARGIN * np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0)
+        for end, (lower, upper) in ends.items():
             gap = np.maximum(lower - along[1], along[0] - upper)
-            for name, outside in zip(self.states, gap, strict=True):
-                if outside > MARGIN:
+            for name, outside, most in zip(self.states, gap, room, strict=True):
+                if outside > most:
                     raise InfeasibleBoundsError(
                         f"{where}: {name} is {getattr(self, end)[name]} at the {end}, but bounded "
                         f"by {self.bounds[name]} all along: widen one of them"

@@ -21,11 +21,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from rimless_gym.crossings import with_zeros
+from trajopt.ocp.accuracy import mean_slopes
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.layout import evaluated
 from trajopt.ocp.problem import Phase, Problem
-from trajopt.ocp.scaling import PhaseScales, Scales, jacobian
-from trajopt.ocp.schemes import lagrange_matrix
+from trajopt.ocp.scaling import PhaseScales, Scales
 from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Tolerances of the integrator, the second relative to the scales.
@@ -63,8 +62,7 @@ def resimulate(
     problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, scales: Scales
 ) -> Resimulation:
     """Simulate a solution, phase by phase and as a chain."""
-    errors, chain, cost, ends = [], [], 0.0, []
-    divisions = []
+    errors, chain, cost, ends, divisions = [], [], 0.0, [], []
     following = {k.source: k for k in problem.linkages if k.target == k.source + 1}
     start = phases[0].start
     for i, (phase, trajectory) in enumerate(zip(problem.phases, phases, strict=True)):
@@ -74,11 +72,9 @@ def resimulate(
         errors.append(error)
         ends.append(end)
         cost += integral
-        if np.array_equal(start, trajectory.start):
-            chain.append(error)
-        else:
+        if not np.array_equal(start, trajectory.start):
             error, end, _ = simulate_phase(phase, trajectory, start, p, *units)
-            chain.append(error)
+        chain.append(error)
         if i in following:
             link = following[i]
             start = link.map(end, p).full().ravel() + problem.offset(link)
@@ -121,14 +117,7 @@ def _divided(
     The growth is that of the linearised motion, with each element's mean derivatives.
     """
     nx, h = len(phase.states), trajectory.element_durations
-    controls = lagrange_matrix(trajectory.control_nodes, trajectory.nodes) @ trajectory.controls
-    slopes = evaluated(jacobian(phase.flow), trajectory.states, controls, p)[..., : nx * nx]
-    mean = (
-        np.nan_to_num(slopes.mean(axis=1), posinf=0.0, neginf=0.0)
-        .reshape(-1, nx, nx)
-        .swapaxes(1, 2)
-    )
-    mean *= scales.states / scales.states[:, None]
+    mean = mean_slopes(phase, trajectory, p) * (scales.states / scales.states[:, None])
     pieces: list[Piece] = []
     since, decades, most = np.eye(nx), 0.0, math.log10(MOST_GROWTH)
     for e, A in enumerate(mean):

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from rimless_gym.checks import integer, positive, require_kind
-from trajopt.ocp.accuracy import Candidate, audit
+from trajopt.ocp.accuracy import Candidate
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.constraints import Constraint
+from trajopt.ocp.constraints import Constraint, InfeasibleBoundsError, Violation, pair
 from trajopt.ocp.extremal import Attempt, Extremal
 from trajopt.ocp.guesses import straight_lines
 from trajopt.ocp.mesh import Mesh
@@ -58,7 +59,7 @@ LARGE, FINER, GROWN = 1e4, 1e-4, 2.0
 #: Larger values, and costs below minus the second, occur only where the cost has no minimum.
 HUGE_VALUE, HUGE_COST = 1e10, 1e20
 
-#: How often path constraints are moved inwards at most, and by what multiple of the overshoot.
+#: How often limits are moved inwards at most, and by what multiple of the overshoot.
 MARGIN_PASSES, SAFETY = 3, 1.2
 
 
@@ -71,7 +72,7 @@ def solve(
     parameters: Array | None = None,
     tolerance: float = 1e-7,
     hamiltonian_tolerance: float = 1e-3,
-    passes: int = 10,
+    passes: int = 15,
     verify: bool = True,
     option_sets: Sequence[dict[str, Any]] = OPTION_SETS,
     transcription: Transcription | None = None,
@@ -122,11 +123,10 @@ def solve(
     best = _in_own_scales(best, runs)
     best = _refine(best, tolerances, passes, runs)
     if passes and best.result.success:
-        sharper = _certify(best, tolerances.hamiltonian, runs)
+        sharper = _certify(best, tolerances, runs)
         best = within_limits(sharper, best, tolerances.limits, options)
     result = best.result
-    limits = audit(problem, result.phases, result.parameters, best.scales)
-    playable = result.status != DIVERGING and all(math.isfinite(v.amount) for v in limits)
+    playable = result.status != DIVERGING and all(math.isfinite(v.amount) for v in best.limits)
     return Extremal(
         problem=problem,
         mesh=best.transcription.mesh,
@@ -139,7 +139,7 @@ def solve(
         status=result.status,
         attempts=tuple(runs.attempts),
         violations=result.violations,
-        audit=limits,
+        audit=best.limits,
         certificate=best.certificate,
         resimulation=resimulate(problem, result.phases, result.parameters, best.scales)
         if verify and playable
@@ -174,26 +174,30 @@ def _refine(first: Candidate, tolerances: Tolerances, passes: int, runs: IpoptRu
         accurate = best.error <= tolerances.states
         if not current.result.success or (accurate and current.costs_more_than(best)):
             break
-        # All errors within the tolerance are the same.
-        if no_larger(max(tolerances.states, current.error), max(tolerances.states, best.error)):
+        if _as_accurate(current, best, tolerances):
             best = current
     return best
 
 
-def _certify(first: Candidate, tolerance: float, runs: IpoptRuns) -> Candidate:
+def _as_accurate(one: Candidate, other: Candidate, tolerances: Tolerances) -> bool:
+    """Whether the mesh error is no larger; all errors within the tolerance are the same."""
+    return no_larger(*(max(tolerances.states, each.error) for each in (one, other)))
+
+
+def _certify(first: Candidate, tolerances: Tolerances, runs: IpoptRuns) -> Candidate:
     """Refine where the Hamiltonian is not constant; the solution at which it varies least."""
     best = current = first
     for _ in range(CERTIFYING_PASSES):
         transcription = current.transcription
-        certificate = current.certificate
-        mesh = certified(transcription.mesh, certificate.hamiltonian, certificate.scales, tolerance)
+        varies = current.certificate.hamiltonian, current.certificate.scales
+        mesh = certified(transcription.mesh, *varies, tolerances.hamiltonian)
         if mesh == transcription.mesh:
             break
         current = runs.warm_start(Transcription(transcription.problem, mesh), current.result)
         if not current.result.success or current.costs_more_than(best):
             break
         spreads = current.certificate.hamiltonian_spread, best.certificate.hamiltonian_spread
-        if clearly_smaller(*spreads):
+        if clearly_smaller(*spreads) and _as_accurate(current, best, tolerances):
             best = current
     return best
 
@@ -295,7 +299,7 @@ def _nudged(phases: Sequence[PhaseTrajectory], scales: Scales) -> list[PhaseTraj
     return moved
 
 
-# -- path constraints between the nodes ---------------------------------------------------------
+# -- limits between the nodes -------------------------------------------------------------------
 
 
 def within_limits(
@@ -303,32 +307,35 @@ def within_limits(
 ) -> Candidate:
     """The sharper of two solutions with margins; the plain one where that costs clearly less.
 
-    Where an optimal control switches, polynomials overshoot a little whatever the mesh. Path
-    constraints are therefore moved inwards by what they overshoot. What that costs depends on the
-    mesh.
+    Where an optimal control switches, polynomials overshoot a little whatever the mesh. Limits are
+    therefore moved inwards by what they overshoot. What that costs depends on the mesh.
     """
     best = _backed_off(sharper, tolerance, options)
-    inside = best.overshoot < tolerance
+    inside = not _overshoots(best, tolerance)
     if inside and not best.costs_more_than(sharper):
         return best
     other = _backed_off(plain, tolerance, options)
-    if not inside or (other.overshoot < tolerance and best.costs_more_than(other)):
+    if not inside or (not _overshoots(other, tolerance) and best.costs_more_than(other)):
         return other
     return best
 
 
 def _backed_off(candidate: Candidate, tolerance: float, options: Mapping[str, Any]) -> Candidate:
-    """The solution with path constraints moved inwards by what it overshoots."""
+    """The solution with limits moved inwards by what it overshoots, as far as there is room."""
     transcription, problem = candidate.transcription, candidate.transcription.problem
-    margins: list[Array | float] = [0.0 for _ in problem.phases]
+    margins: dict[tuple[str, str], float] = defaultdict(float)
     for _ in range(MARGIN_PASSES):
-        excess = [quality.path_violation.max(axis=0) for quality in candidate.qualities]
-        if max(e.max() for e in excess) < tolerance:
+        excess = _overshoots(candidate, tolerance)
+        if not excess:
             break
-        units = [s.path if len(s.path) else np.ones(1) for s in candidate.scales.phases]
-        margins = [m + SAFETY * e * s for m, e, s in zip(margins, excess, units, strict=True)]
+        for each in excess:
+            margins[each.phase, each.name] += SAFETY * each.amount
         warm = {"mu_init": WARM_BARRIERS[0], **options}
-        result, tight = candidate.result, tightened(problem, margins)
+        try:
+            tight = tightened(problem, margins)
+        except InfeasibleBoundsError:
+            break
+        result = candidate.result
         result = transcription.solve(result.phases, tight, result.parameters, **warm)
         if not result.success:
             break
@@ -336,15 +343,28 @@ def _backed_off(candidate: Candidate, tolerance: float, options: Mapping[str, An
     return candidate
 
 
-def tightened(problem: Problem, margins: Sequence[Array | float]) -> Problem:
-    """The problem with every phase's path bounds moved inwards by margins (m,)."""
+def _overshoots(candidate: Candidate, tolerance: float) -> list[Violation]:
+    return [v for v in candidate.limits if tolerance < v.relative < math.inf]
+
+
+def tightened(problem: Problem, margins: Mapping[tuple[str, str], float]) -> Problem:
+    """The problem with limits moved inwards by margins, by the names of their phase and limit."""
     phases = []
-    for phase, margin in zip(problem.phases, margins, strict=True):
+    for phase in problem.phases:
+        names = phase.path.names if phase.path else ()
+        of = {name: margins.get((phase.name, name), 0.0) for name in (*phase.bounds, *names)}
+        bounds = {name: _inwards(*pair(b), of[name]) for name, b in phase.bounds.items()}
         path = phase.path
         if path is not None:
-            middle = 0.5 * (path.lower + path.upper)
-            lower = np.fmin(path.lower + margin, np.where(np.isfinite(middle), middle, np.inf))
-            upper = np.fmax(path.upper - margin, np.where(np.isfinite(middle), middle, -np.inf))
+            lower, upper = _inwards(path.lower, path.upper, np.array([of[n] for n in names]))
             path = Constraint(path.function, lower, upper, path.names)
-        phases.append(dataclasses.replace(phase, path=path))
+        phases.append(dataclasses.replace(phase, bounds=bounds, path=path))
     return dataclasses.replace(problem, phases=tuple(phases))
+
+
+def _inwards(lower: Any, upper: Any, margin: Any) -> Any:
+    """Bounds moved inwards, at most to their middle."""
+    width = upper - lower
+    half = np.where(np.isfinite(width), 0.5 * width, np.inf)
+    step = np.minimum(margin, half)
+    return lower + step, upper - step

@@ -41,7 +41,8 @@ IPOPT = {
 }
 
 #: No multipliers of the parameters, which are scales: their function would take time to build.
-QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "no_nlp_grad": True}
+QUIET = dict.fromkeys(("print_time", "error_on_fail", "calc_lam_p", "show_eval_warnings"), False)
+QUIET |= {"no_nlp_grad": True}
 
 #: IPOPT's status where the cost falls without bound.
 DIVERGING = "Diverging_Iterates"
@@ -85,11 +86,6 @@ class Result:
     unknowns: Array = dataclasses.field(repr=False)
     multipliers: Array = dataclasses.field(repr=False)
     bound_multipliers: Array = dataclasses.field(repr=False)
-
-    @property
-    def worst(self) -> str:
-        """The constraint that is violated most, in words."""
-        return str(self.violations[0]) if self.violations else "no constraint violated"
 
 
 @contextmanager

@@ -11,10 +11,13 @@ import pytest
 from agents.conditions import Conditions
 from agents.rollout import AdaptivePolicy, Rollout
 from rimless_gym.equations import SINGLE
-from rimless_gym.kernel.stepping import hybrid_states
+from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from trajopt.feedback import adaptive
-from trajopt.feedback.adaptive import AdaptiveController, Approach
+from trajopt.feedback.adaptive import AdaptiveController, Approach, sturdy
 from trajopt.feedback.gait_table import GaitTable, flat, gains_of
+from trajopt.feedback.law import Law
+from trajopt.feedback.laws import lqr
+from trajopt.feedback.orbit import squared_distances
 from trajopt.store import Store
 
 
@@ -59,9 +62,9 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
 ) -> None:
     """Then it holds the wanted gait, by the law about that of the identified machine."""
     planned = controller.table.rows[1]
-    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: planned)
-    monkeypatch.setattr(adaptive, "REPLANNED", (1,))
-    monkeypatch.setattr(adaptive, "PLANNING", 0.1)
+    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: (planned, 1))
+    monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
+    monkeypatch.setattr(adaptive, "SOLVING", 0.1)
     controller = dataclasses.replace(controller, wanted=controller.first._replace())
     length = 1.01 * held.params.pendulum_length
     changed = dataclasses.replace(held.params, pendulum_length=length)
@@ -99,3 +102,30 @@ def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(contr
     alone = AdaptivePolicy(controller).begin(3, lambda: np.arange(3))
     policy(x, None), alone(x, None)
     np.testing.assert_array_equal(policy(x[[0, 2]], None), alone(x, None)[[0, 2]])
+
+
+@pytest.mark.slow
+def test_an_identified_machine_walks_its_own_gait_from_the_nominal_one(controller, held) -> None:
+    """The law leads there from the nominal gait, and stays."""
+    length = 1.02 * held.params.pendulum_length
+    machine = dataclasses.replace(held.params, pendulum_length=length)
+    row, tried = controller.efficient_law(machine)
+    assert tried == 1
+    data = gains_of(row, controller.table.law.data)
+    states = hybrid_states(held.state(held.duration * np.array([0.2, 0.7])), SINGLE)
+    for _ in range(800):
+        volts = Law(machine, lqr.volts, data)(states[:, :4], states[:, MODE].astype(int))
+        advance(machine, states, volts)
+    assert (squared_distances(states[:, :4], data.orbit) < 0.01**2).all()
+
+
+@pytest.mark.slow
+def test_the_gait_that_is_walked_first_lands_firmly(held, monkeypatch) -> None:
+    def landing(gait):
+        return min(phase.end[2] for phase in gait.phases)
+
+    assert sturdy(held) is held
+    monkeypatch.setattr(adaptive, "LANDING", 1.02 * landing(held))
+    first = sturdy(held)
+    assert landing(first) > 1.02 * landing(held)
+    assert first.duration > held.duration + 0.005

@@ -16,6 +16,8 @@ from trajopt.identification.fit import PHYSICAL
 CHANGED = {"pendulum_length": 0.1463, "leg_length": 0.2955, "motor_constant": 0.0222}
 MACHINE = dataclasses.replace(BUILDABLE, **CHANGED)
 
+RISE = 1e-4  # s: the motor's inductance over its resistance
+
 
 def driven(machine=MACHINE, seconds=2.0, seed=0, volts=6.0):
     """A log of a wheel that swings its pendulum to and fro, and rocks from leg to leg."""
@@ -62,18 +64,25 @@ def test_a_slope_is_one_more_unknown() -> None:
     assert found.params.slope == pytest.approx(sloped.slope, abs=np.radians(0.2))
 
 
-def test_windage_and_backlash_that_the_model_lacks_shift_lengths_by_half_a_percent() -> None:
-    """3 % of the power goes into the air, and the gear has half a degree of play."""
+def test_what_the_model_lacks_shifts_lengths_by_less_than_a_percent() -> None:
+    """3 % of the power goes into the air, the gear has half a degree of play, the driver 20 kHz.
+
+    A sample of the current comes at any time of the driver's period, in which it ripples.
+    """
     windy = driven(dataclasses.replace(MACHINE, pendulum_drag=3.5e-5), 3.0)
     play = np.radians(0.25) * np.sign(windy.current)
-    log = dataclasses.replace(windy, theta=windy.theta + play)
-    with pytest.raises(LogError, match=r"theta is .* standard deviations off"):
+    share = np.abs(windy.voltage) / MACHINE.voltage_limit
+    swing = MACHINE.voltage_limit * share * (1 - share) / (RISE * MACHINE.armature_resistance * 2e4)
+    ripple = swing * np.random.default_rng(0).uniform(-0.5, 0.5, len(windy))
+    log = dataclasses.replace(windy, theta=windy.theta + play, current=windy.current + ripple)
+    with pytest.raises(LogError, match=r"(theta|current) is .* standard deviations off"):
         identify(log, BUILDABLE)
     angles = dataclasses.replace(log, dphi=None, dtheta=None)
-    found = identify(angles, BUILDABLE, noise=Noise(angle=3e-3)).params
+    noise = Noise(angle=3e-3, current=float(np.hypot(5e-3, ripple.std())))
+    found = identify(angles, BUILDABLE, noise=noise).params
     assert found.pendulum_length == pytest.approx(MACHINE.pendulum_length, rel=5e-3)
-    assert found.leg_length == pytest.approx(MACHINE.leg_length, rel=5e-3)
-    assert found.motor_constant == pytest.approx(MACHINE.motor_constant, rel=1e-2)
+    assert found.leg_length == pytest.approx(MACHINE.leg_length, rel=1e-2)
+    assert found.motor_constant == pytest.approx(MACHINE.motor_constant, rel=2e-2)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])

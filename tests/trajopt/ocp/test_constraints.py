@@ -51,19 +51,22 @@ def test_equations_along_the_path_are_refused_under_radau_and_hold_under_hermite
     assert found.phases[0].end[1] == pytest.approx(0.5 * (math.e**2 - 1), rel=1e-6)
 
 
-def test_backing_off_moves_path_bounds_inwards_but_never_past_each_other() -> None:
+def test_backing_off_moves_limits_inwards_but_never_past_each_other() -> None:
     path = Constraint(
         lambda x, u, p: (u, x[1], x[0]),
         np.array([-1.0, -FREE, 0.3]),
         np.array([1.0, 2.0, 0.3]),
         ("a", "b", "c"),
     )
-    problem = tightened(Problem((move(path=path),)), [np.array([0.1, 0.2, 0.5])])
-    tight = problem.phases[0].path
+    problem = Problem((move(path=path, bounds={"v": (-FREE, 5.0), "u": (0.0, 1.0)}),))
+    margins = {"a": 0.1, "b": 0.2, "c": 0.5, "v": 0.1}
+    (phase,) = tightened(problem, {("move", name): m for name, m in margins.items()}).phases
+    tight = phase.path
     assert tight is not None
+    assert phase.bounds == {"v": (-FREE, 4.9), "u": (0.0, 1.0)}
     assert tight.lower == pytest.approx([-0.9, -FREE, 0.3])
     assert tight.upper == pytest.approx([0.9, 1.8, 0.3])
-    pinched = tightened(Problem((move(path=path),)), [3.0]).phases[0].path
+    pinched = tightened(problem, {("move", "a"): 3.0}).phases[0].path
     assert pinched is not None
     assert pinched.lower[0] == pinched.upper[0] == 0.0
 
@@ -178,3 +181,22 @@ def test_a_floor_says_which_powers_count(floor: float, least: float) -> None:
     phase = dataclasses.replace(textbook.least_work_move().phases[0], floor=floor)
     found = solve_once(Problem((phase,)))
     assert least < found.transcribed_cost < least + 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("elements", [10, 30])
+def test_a_bound_on_a_state_holds_to_the_tolerance_where_the_arc_is_left(elements: int) -> None:
+    """Van der Pol's oscillator brought to rest while its rate is bounded; least cost 1.6208844."""
+    oscillator = Phase(
+        "oscillator",
+        states=("x", "v"),
+        controls=("u",),
+        flow=lambda x, u, p: (x[1], -x[0] + x[1] * (1 - x[0] ** 2) + u),
+        cost=lambda x, u, p: x[0] ** 2 + x[1] ** 2,
+        bounds={"u": (-1.0, 1.0), "v": (-0.25, FREE)},
+        start={"x": 1.0, "v": 0.0},
+        duration=5.0,
+    )
+    found = solve(Problem((oscillator,)), mesh=Mesh.uniform(1, elements))
+    assert found.converged, found.report()
+    assert found.cost == pytest.approx(1.6208844, rel=1e-5)

@@ -169,6 +169,22 @@ def test_a_function_that_is_not_finite_is_named_with_its_time() -> None:
     assert math.isfinite(found.cost)
 
 
+def test_a_derivative_that_is_not_finite_is_named_with_its_time(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    tank = Phase(
+        "tank",
+        states=("level",),
+        flow=lambda x, u, p: -ca.sqrt(x[0]),
+        start={"level": 1.0},
+        end={"level": 0.0},
+        duration=(0.1, 10.0),
+    )
+    outcome = solve(Problem((tank,)), passes=0, option_sets=({},)).outcome
+    assert "derivative of flow of level of phase 'tank' at t = " in outcome
+    assert capfd.readouterr().err == ""
+
+
 def test_a_guess_on_a_saddle_leads_away_from_it() -> None:
     found = solve_once(valley(y=(-1.0, 1.0)))
     assert found.cost < -60.0  # the ridge itself costs 1
