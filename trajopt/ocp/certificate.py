@@ -54,6 +54,8 @@ class Certificate:
             phase, shape (phases,).
         limit_costs: about what it costs that limits are violated, or kept with a margin, shape (M,)
             each.
+        integral_costs: about what it costs that bounded integrals differ from the program's
+            quadrature, shape (phases,).
         switches: of every phase, (element, fraction of it) where a control should switch but does
             not, shape (n, 2) each.
         integral_multipliers: of every phase's bounded integrals, shape (m,) each.
@@ -66,6 +68,7 @@ class Certificate:
     cost_gaps: tuple[Array, ...]
     defect_costs: Array
     limit_costs: tuple[Array, ...]
+    integral_costs: Array
     switches: tuple[Array, ...]
     integral_multipliers: tuple[Array, ...]
     scales: Array
@@ -74,7 +77,7 @@ class Certificate:
     def suboptimality(self) -> float:
         """About how far the cost is from the least, in its unit; the parts do not cancel."""
         of_elements = sum(each.sum() for each in (*self.cost_gaps, *self.limit_costs))
-        return float(of_elements + abs(self.defect_costs.sum()))
+        return float(of_elements + abs(self.defect_costs.sum()) + self.integral_costs.sum())
 
     @property
     def hamiltonian_spread(self) -> float:
@@ -123,7 +126,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
     insides = [view.inside() for view in views]
-    found, defects, limits = [], [], []
+    found, defects, limits, of_integrals = [], [], [], []
     for i, (view, inside) in enumerate(zip(views, insides, strict=True)):
         of_x, of_path = scales.phases[i].states, scales.phases[i].path
         multipliers = _limit_multipliers(transcription, result, i)
@@ -134,6 +137,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         found.append(gaps(view, inside, scales.phases[i], limited))
         defects.append(_defect_cost(view, inside))
         limits.append(_limit_costs(view, multipliers, scales.phases[i]))
+        of_integrals.append(_integral_cost(transcription, result, i, view, inside))
     cost_gaps, switches = zip(*found, strict=True)
     widths = [t.element_durations / t.duration for t in result.phases]
     return Certificate(
@@ -143,6 +147,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         cost_gaps=cost_gaps,
         defect_costs=np.array(defects),
         limit_costs=tuple(limits),
+        integral_costs=np.array(of_integrals),
         switches=switches,
         integral_multipliers=tuple(integrals),
         scales=scales.cost / np.array([each.duration for each in scales.phases]),
@@ -196,6 +201,22 @@ def _limit_costs(view: View, multipliers: Array, scales: PhaseScales) -> Array:
     everywhere[:, states.shape[1] :] = multipliers.sum(axis=0)[states.shape[1] :]
     factors = np.where(amounts > 0.0, everywhere, multipliers)
     return np.where(factors > 0.0, factors * np.abs(amounts), 0.0).sum(axis=1)
+
+
+def _integral_cost(
+    transcription: Transcription, result: Result, index: int, view: View, inside: Inside
+) -> float:
+    """What it costs that bounded integrals differ from the program's quadrature of them."""
+    if view.phase.integral is None:
+        return 0.0
+    rates = evaluated(view.phase.integral.function, inside.states, inside.controls, view.p)
+    errors = view.trajectory.element_durations @ np.einsum("s,esm->em", WEIGHTS, finite(rates))
+    for each in transcription.equations.element_blocks:
+        if each.phase == index:
+            mapped = each.block.function.map(each.block.count)
+            outputs, _ = mapped(result.unknowns[each.block.variables], each.block.data)
+            errors -= outputs.full()[-len(errors) :].sum(axis=1)
+    return float(abs(errors @ view.integral_multipliers))
 
 
 def limits_on_grid(
