@@ -22,7 +22,7 @@ import numpy as np
 
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.equations import path_nodes
-from trajopt.ocp.layout import evaluated
+from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.pontryagin import SLOPE, WEIGHTS, Inside, View, finite, gaps
 from trajopt.ocp.problem import Phase
 from trajopt.ocp.scaling import PhaseScales, Scales
@@ -126,7 +126,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
     insides = [view.inside() for view in views]
-    found, defects, limits, of_integrals = [], [], [], []
+    found, defects, limits = [], [], []
     for i, (view, inside) in enumerate(zip(views, insides, strict=True)):
         of_x, of_path = scales.phases[i].states, scales.phases[i].path
         multipliers = _limit_multipliers(transcription, result, i)
@@ -137,8 +137,8 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         found.append(gaps(view, inside, scales.phases[i], limited))
         defects.append(_defect_cost(view, inside))
         limits.append(_limit_costs(view, multipliers, scales.phases[i]))
-        of_integrals.append(_integral_cost(transcription, result, i, view, inside))
     cost_gaps, switches = zip(*found, strict=True)
+    errors = [finite(each).sum(axis=0)[1:] for _, each in quadratures(transcription, result)]
     widths = [t.element_durations / t.duration for t in result.phases]
     return Certificate(
         costates=tuple(costates),
@@ -147,7 +147,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         cost_gaps=cost_gaps,
         defect_costs=np.array(defects),
         limit_costs=tuple(limits),
-        integral_costs=np.array(of_integrals),
+        integral_costs=np.abs([a @ b for a, b in zip(errors, integrals, strict=True)]),
         switches=switches,
         integral_multipliers=tuple(integrals),
         scales=scales.cost / np.array([each.duration for each in scales.phases]),
@@ -203,20 +203,29 @@ def _limit_costs(view: View, multipliers: Array, scales: PhaseScales) -> Array:
     return np.where(factors > 0.0, factors * np.abs(amounts), 0.0).sum(axis=1)
 
 
-def _integral_cost(
-    transcription: Transcription, result: Result, index: int, view: View, inside: Inside
-) -> float:
-    """What it costs that bounded integrals differ from the program's quadrature of them."""
-    if view.phase.integral is None:
-        return 0.0
-    rates = evaluated(view.phase.integral.function, inside.states, inside.controls, view.p)
-    errors = view.trajectory.element_durations @ np.einsum("s,esm->em", WEIGHTS, finite(rates))
+def quadratures(transcription: Transcription, result: Result) -> list[tuple[Array, Array]]:
+    """Integrals of the running cost and the m integrands of every phase's elements, (M, 1 + m).
+
+    And how far the program's own quadrature is from them.
+    """
+    s, weights = np.polynomial.legendre.leggauss(SAMPLES)
+    found = []
+    for phase, t in zip(transcription.problem.phases, result.phases, strict=True):
+        x = lagrange_matrix(t.nodes, 0.5 + 0.5 * s) @ t.states
+        u = lagrange_matrix(t.control_nodes, 0.5 + 0.5 * s) @ t.controls
+        rates = running_cost(phase, x, u, result.parameters)[..., None]
+        if phase.integral is not None:
+            integrand = evaluated(phase.integral.function, x, u, result.parameters)
+            rates = np.concatenate([rates, integrand], axis=-1)
+        values = t.element_durations[:, None] * np.einsum("s,esm->em", 0.5 * weights, rates)
+        found.append((values, values.copy()))
     for each in transcription.equations.element_blocks:
-        if each.phase == index:
-            mapped = each.block.function.map(each.block.count)
-            outputs, _ = mapped(result.unknowns[each.block.variables], each.block.data)
-            errors -= outputs.full()[-len(errors) :].sum(axis=1)
-    return float(abs(errors @ view.integral_multipliers))
+        block, errors = each.block, found[each.phase][1]
+        mapped = block.function.map(block.count)
+        outputs, cost = mapped(result.unknowns[block.variables], block.data)
+        integrals = outputs.full()[len(block.rows) - (errors.shape[1] - 1) :]
+        errors[each.group.elements] -= np.vstack([cost.full(), integrals]).T
+    return found
 
 
 def limits_on_grid(
