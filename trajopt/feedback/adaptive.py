@@ -268,11 +268,9 @@ class AdaptiveWalks:
                 self._choose(row)
             if due:
                 self._identify(row)
-        guard = ContactGuard(
-            *(self.controller.params, lambda x, m: self._volts(rows, x, m)),
-            self.controller.margin,
+        volts = np.array(
+            [self._volts(row, states[i], modes[i]) for i, row in enumerate(rows.tolist())]
         )
-        volts = guard(states, modes)
         errors = self.controller.encoders * np.array(
             [self._rng[row].standard_normal(2) for row in rows]
         )
@@ -319,16 +317,14 @@ class AdaptiveWalks:
         self._data[row] = gains_of(law, table.law.data)._replace(blend=blend)
         self._approaches[row] = self.controller.approach_to(self._data[row].orbit)
 
-    def _volts(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:
-        """The law's voltage near its gait, and the start-up controller's elsewhere."""
-        volts = np.empty(len(x))
-        for i, row in enumerate(rows.tolist()):
-            approach = self._approaches[row]
-            volts[i], squared = _voltage(x[i], modes[i], self._data[row])
-            if modes[i] == DOUBLE or squared > approach.near**2:
-                startup = dataclasses.replace(approach.startup, params=self.machines[row])
-                volts[i] = startup(x[i], modes[i])
-        return volts
+    def _volts(self, row: int, x: Floats, mode: int) -> float:
+        """A walk's voltage: the law's near its gait, elsewhere the start-up controller's."""
+        machine, approach = self.machines[row], self._approaches[row]
+        volts, squared = _voltage(x, mode, self._data[row])
+        if mode == DOUBLE or squared > approach.near**2:
+            volts = dataclasses.replace(approach.startup, params=machine)(x, mode)
+        guard = ContactGuard(machine, lambda x, mode: np.array([volts]), self.controller.margin)
+        return float(guard(x, mode))
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
