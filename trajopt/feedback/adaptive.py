@@ -249,12 +249,11 @@ class AdaptiveWalks:
         self.plans: list[Plan | None] = [None] * n
         self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table
-        self._covariance = np.full(
-            (n, len(controller.table.names), len(controller.table.names)), np.nan
-        )
+        k = len(controller.table.names)
+        self._covariance = np.full((n, k, k), np.nan)
         self._rng = [np.random.default_rng([seed, row]) for row in range(n)]
         # phi, theta, foot, mode, V of the last samples, the latest last
-        self._memory = np.full((n, round(EVERY / CONTROL_PERIOD), 5), np.nan)
+        self._memory = np.full((n, _EVERY, 5), np.nan)
 
     def __call__(
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
@@ -286,10 +285,8 @@ class AdaptiveWalks:
             "tick": self.tick,
             "machines": [each.to_dict() for each in self.machines],
             "covariance": self._covariance.copy(),
-            **{
-                name: [None if p is None else list(p) for p in plans]
-                for name, plans in (("plans", self.plans), ("next", self._next))
-            },
+            "plans": [plan and list(plan) for plan in self.plans],
+            "next": [plan and list(plan) for plan in self._next],
             "identified": self.identified.copy(),
             "memory": self._memory.copy(),
             "random": [each.bit_generator.state for each in self._rng],
@@ -302,7 +299,8 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self.plans, self._next = (
-            [p and Plan(*p[:2], np.array(p[2])) for p in state[name]] for name in ("plans", "next")
+            [p and Plan(p[0], p[1], np.array(p[2])) for p in state[name]]
+            for name in ("plans", "next")
         )
         for row in range(len(self.machines)):
             self._choose(row)
