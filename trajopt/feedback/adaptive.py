@@ -304,7 +304,8 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self.plans, self._next = (
-            [p and Plan(*p[:2], np.array(p[2])) for p in state[name]] for name in ("plans", "next")
+            [p and Plan(p[0], p[1], np.array(p[2])) for p in state[name]]
+            for name in ("plans", "next")
         )
         for row in range(len(self.machines)):
             self._choose(row)
