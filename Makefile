@@ -115,6 +115,7 @@ feedback: $(DEVELOPERS)
 
 bench: $(DEVELOPERS)
 	$(STUDY) benchmark --out docs $(ARGS)
+	$(STUDY) accelerator
 
 figures returns textbook thesis: $(DEVELOPERS)
 	$(STUDY) $@ $(ARGS)

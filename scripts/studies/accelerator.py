@@ -11,7 +11,7 @@ import importlib.util
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.cli.options import Count, MaybePath
+from agents.cli.options import MaybeCount, MaybePath
 from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.envs.starts import draw_start
@@ -38,37 +38,29 @@ DIFFERENT = 4096  # intervals; batches repeat them
 LEAST = 1.0  # seconds of a measurement
 MJX_SHARE = 256  # of the rows, one in so many in MJX, which is that much slower
 
-SECTION = "speed"
-MARKS = markdown.marks("accelerator", (SECTION,))
+MARKS = markdown.marks("accelerator", ("speed",))
 
 
-def accelerator(
-    *,
-    rows: Count = 2**22,
-    out: Path = FOLDER,
-    results: MaybePath = None,
-    docs: MaybePath = None,
-) -> int:
+def accelerator(*, rows: MaybeCount = None, out: Path = FOLDER, docs: MaybePath = None) -> int:
     """Measure intervals per second, and the largest differences from the compiled simulator.
 
-    Walks are recorded the first time; that needs CasADi. A machine without it can be given the
-    file walks_128.npz.
+    Walks are recorded the first time, which needs CasADi, or are those of walks_128.npz in `out`.
 
     Args:
-        rows: at most that are advanced at once; and half, and a quarter of them.
+        rows: at most that are advanced at once; by default 4096 on a CPU, and elsewhere 4 million,
+            half and a quarter of them.
         out: folder for accelerator.json.
-        results: an accelerator.json that another machine has measured, to be shown.
         docs: a page, docs/environment.md, to put the table into; accelerator.json goes beside it.
     """
-    found = json.loads(results.read_text()) if results else measured_here(rows, out)
+    found = measured_here(rows, out)
     if docs:
         docs.with_name("accelerator.json").write_text(json.dumps(found, indent=1) + "\n")
-        markdown.refresh(docs, MARKS, {SECTION: table(found)})
+        markdown.refresh(docs, MARKS, {"speed": table(found)})
     print(table(found))
     return 0
 
 
-def measured_here(rows: int, out: Path) -> dict[str, Any]:
+def measured_here(most: int | None, out: Path) -> dict[str, Any]:
     """What the accelerator at hand does, and what the compiled simulator does beside it."""
     with extra("jax"):
         import jax
@@ -76,7 +68,9 @@ def measured_here(rows: int, out: Path) -> dict[str, Any]:
         from rimless_gym.jax import WheelEnv
     out.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
-    cores, results = len(os.sched_getaffinity(0)), list[dict[str, Any]]()
+    on_cpu, cores = jax.default_backend() == "cpu", len(os.sched_getaffinity(0))
+    rows = most or (DIFFERENT if on_cpu else 2**22)
+    motions, results = {"walks": walks(out), "random": played()}, list[dict[str, Any]]()
     found = {
         "device": jax.devices()[0].device_kind,
         "jax": jax.__version__,
@@ -84,21 +78,21 @@ def measured_here(rows: int, out: Path) -> dict[str, Any]:
         "bandwidth": bandwidth(rows),
         "results": results,
     }
-    for motion, given in {"walks": walks(out), "random": played()}.items():
-        fast = kernel_speed(given, rows, cores)
-        results.append({"motion": motion, "by": "kernel", "rows": rows, "per_second": fast})
-        for dtype in ("float32", "float64"):
-            env = WheelEnv(params=PRESET, dtype=dtype)
-            for count in (rows // 4, rows // 2, rows):
-                about = {"motion": motion, "by": dtype, "rows": count}
-                results.append(about | measured(env, given, count))
-                print(results[-1], flush=True)
-        if importlib.util.find_spec("mujoco") and importlib.util.find_spec("mujoco.mjx"):
-            count = max(1, rows // MJX_SHARE)
-            about = {"motion": motion, "by": "mjx", "rows": count}
-            results.append(about | {"per_second": mjx_speed(given, count)})
+
+    def keep(by: str, count: int, figures: Iterable[dict[str, Any]]) -> None:
+        for motion, of_motion in zip(motions, figures, strict=True):
+            results.append({"motion": motion, "by": by, "rows": count} | of_motion)
             print(results[-1], flush=True)
         (out / "accelerator.json").write_text(json.dumps(found, indent=1))
+
+    given = list(motions.values())
+    keep("kernel", rows, ({"per_second": kernel_speed(each, rows, cores)} for each in given))
+    for dtype in ("float32", "float64"):
+        for count in (rows,) if on_cpu else (rows // 4, rows // 2, rows):
+            keep(dtype, count, measured(WheelEnv(params=PRESET, dtype=dtype), given, count))
+    if importlib.util.find_spec("mujoco") and importlib.util.find_spec("mujoco.mjx"):
+        count = max(1, rows // MJX_SHARE)
+        keep("mjx", count, ({"per_second": mjx_speed(each, count)} for each in given))
     return found
 
 
@@ -116,6 +110,8 @@ def table(found: dict[str, Any]) -> str:
     }
     rows = [[titles[by], f"{n:,}", *cell] for (by, n), cell in cells.items()]
     head = ["", "rows at once", "walks (1/s)", "random play (1/s)"]
+    if found["device"] == "cpu":  # its caches are not in XLA's count
+        return markdown.table(head, rows) + "\n"
     most = [one for one in found["results"] if one["by"] == "float32"][-1]
     flops, size = (most[name] / most["rows"] for name in ("flops", "bytes"))
     limit = (
@@ -169,48 +165,46 @@ def folded(states: Floats) -> Floats:
     return states
 
 
-def measured(env: Any, given: Intervals, rows: int) -> dict[str, Any]:
+def measured(env: Any, motions: Sequence[Intervals], rows: int) -> Iterator[dict[str, Any]]:
     """Intervals per second, seconds of compiling, and the largest differences from the kernel."""
     import jax
     import jax.numpy as jnp
 
-    states, volts = (x.astype(env.dtype).astype(np.float64) for x in given)
-    index = np.arange(rows) % DIFFERENT
-    angles = [jnp.asarray(x, env.dtype) for x in states[index].T[:4]]
-    wheel = HybridState(*angles, *(jnp.asarray(x, jnp.int32) for x in states[index].T[4:]))
+    from rimless_gym.jax import compiler_options
+
+    index, n = np.arange(rows) % DIFFERENT, min(rows, DIFFERENT)
     _, state = env.reset(jax.random.key(0))
-    step = jax.vmap(lambda wheel, u: env.interval(state._replace(wheel=wheel), u))
-    arrays = wheel, jnp.asarray(volts[index], env.dtype)
-    begin = time.perf_counter()
-    program = jax.jit(step).lower(*arrays).compile()
-    compiling = time.perf_counter() - begin
-    wheel, totals = program(*arrays)
-    fast = per_second(lambda: jax.block_until_ready(program(*arrays)), rows)
-
-    known = advance(preset(PRESET), states, volts)
-    n = min(rows, DIFFERENT)
-    found = np.stack([np.asarray(x[:n], np.float64) for x in wheel], axis=1)
-    other = np.any(found[:, 4:] != states[:n, 4:], axis=1)
-    for name in ("failure", "touchdowns", "steps"):
-        other |= np.asarray(getattr(totals, name)[:n]) != known[:n, getattr(ROW, name)]
-
-    def most(found: Any, known: Floats) -> float:
-        return float(np.abs(np.asarray(found[:n]) - known[:n])[~other].max())
-
-    differences = {
-        name: most(getattr(totals, name), known[:, getattr(ROW, name)])
-        for name in ("touchdown_time", "electrical_positive")
-    }
-    differences["state"] = most(found[:, :4], folded(states)[:, :4])
-    cost = program.cost_analysis()
-    return {
-        "per_second": fast,
-        "flops": cost["flops"],
-        "bytes": cost["bytes accessed"],
-        "compile": compiling,
-        "disagree": int(other.sum()),
-        **differences,
-    }
+    step = jax.jit(jax.vmap(lambda wheel, u: env.interval(state._replace(wheel=wheel), u)))
+    program, compiling = None, 0.0
+    for given in motions:
+        states, volts = (x.astype(env.dtype).astype(np.float64) for x in given)
+        angles = [jnp.asarray(x, env.dtype) for x in states[index].T[:4]]
+        wheel = HybridState(*angles, *(jnp.asarray(x, jnp.int32) for x in states[index].T[4:]))
+        arrays = wheel, jnp.asarray(volts[index], env.dtype)
+        if program is None:
+            begin = time.perf_counter()
+            program = step.lower(*arrays).compile(compiler_options())
+            compiling = time.perf_counter() - begin
+        wheel, totals = program(*arrays)
+        known = advance(preset(PRESET), states, volts)
+        found = np.stack([np.asarray(x[:n], np.float64) for x in wheel], axis=1)
+        other = np.any(found[:, 4:] != states[:n, 4:], axis=1)
+        for name in ("failure", "touchdowns", "steps"):
+            other |= np.asarray(getattr(totals, name)[:n]) != known[:n, getattr(ROW, name)]
+        differences = {
+            name: np.abs(np.asarray(getattr(totals, name)[:n]) - known[:n, getattr(ROW, name)])
+            for name in ("touchdown_time", "electrical_positive")
+        }
+        differences["state"] = np.abs(folded(found - states[:n])[:, :4])
+        cost = program.cost_analysis()
+        yield {
+            "per_second": per_second(lambda: jax.block_until_ready(program(*arrays)), rows),  # noqa: B023
+            "flops": cost["flops"],
+            "bytes": cost["bytes accessed"],
+            "compile": compiling,
+            "disagree": int(other.sum()),
+            **{name: float(each[~other].max()) for name, each in differences.items()},
+        }
 
 
 def kernel_speed(given: Intervals, rows: int, cores: int) -> float:

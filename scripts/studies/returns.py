@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,14 @@ from tqdm import tqdm
 
 from agents.cli.options import Count, MaybePath
 from agents.conditions import Conditions
+from agents.evaluate import EPISODE
 from agents.experts import EXPERT_SPEED
+from agents.gaps import reward_rate, ticks_around
 from agents.policy_files import BASELINES, PRETRAINED, named_policy
 from agents.rollout import Policy, episodes
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import MIDDLE_SPEED, SPEED_SCALE
 from rimless_gym.envs.speed import SPEEDS, TASK
-from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -35,9 +35,6 @@ from trajopt.store import Store, provenance
 
 #: Episodes of each policy; episode i is that of `reset(seed=i)`.
 EPISODES = 100
-
-#: Length of an episode (s).
-DURATION = 20.0
 
 #: Speed of the gait that laws hold (m/s), as in the README's table.
 SPEED = EXPERT_SPEED
@@ -124,7 +121,8 @@ def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
 def _front_rows(count: int) -> Iterator[tuple[str, Row]]:
     """The returns of the front's gaits, walked from an episode's beginning to its end."""
     best = best_gait()
-    yield WHEEL, {"name": FRONT, "mean": gait_return(best), "speed": best.speed}
+    mean = EPISODE * reward_rate(best)
+    yield WHEEL, {"name": FRONT, "mean": mean, "speed": best.speed}
     yield COMMANDED, {"name": FRONT, "mean": float(front_return(commands(SPEEDS, count)).mean())}
 
 
@@ -141,18 +139,11 @@ def best_gait() -> Solution:
     A step of such a gait lasts a whole number of intervals: the best continuous gait lies between
     two of these speeds, and the better one of the two counts.
     """
-    best = max(shipped_front(BUILDABLE).envelope, key=gait_return)
-    ticks = BUILDABLE.step_length / (best.speed * CONTROL_PERIOD)
-    speeds = [
-        BUILDABLE.step_length / (n * CONTROL_PERIOD) for n in (math.floor(ticks), math.ceil(ticks))
-    ]
+    best = max(shipped_front(BUILDABLE).envelope, key=reward_rate)
+    ticks = ticks_around(BUILDABLE, best.speed)
+    speeds = [BUILDABLE.step_length / (n * CONTROL_PERIOD) for n in ticks]
     front = cot_front(BUILDABLE, speeds, [best.steps], hold=CONTROL_PERIOD)
-    return max(front.envelope, key=gait_return)
-
-
-def gait_return(gait: Solution) -> float:
-    """The return of 20 s on a gait in `RimlessWheel-v0` (m)."""
-    return DURATION * gait.speed * (USUAL_TASK.distance_weight - gait.cot)
+    return max(front.envelope, key=reward_rate)
 
 
 def front_return(speed: ArrayLike, cost: float = 1.0) -> Array:
@@ -162,7 +153,7 @@ def front_return(speed: ArrayLike, cost: float = 1.0) -> Array:
     voltage at any time, and walk from the beginning.
     """
     speeds = np.asarray(speed, dtype=float)
-    return DURATION * speeds * (TASK.distance_weight - cost * shipped_front(BUILDABLE)(speeds))
+    return EPISODE * speeds * (TASK.distance_weight - cost * shipped_front(BUILDABLE)(speeds))
 
 
 def _gait(params: WheelParams) -> Solution:

@@ -129,12 +129,11 @@ def fastest_move_time(distance: float = 1.0, brake: float = 1.0) -> float:
 
 
 def least_effort_move() -> Problem:
-    """Move a block of 1 kg by 1 m in 1 s, from rest to rest, at least integral of force squared."""
+    """Move a block of 1 kg by 1 m in 1 s, from rest to rest, at least integral of force squared.
+
+    That is 12, by a force of 6 - 12 t.
+    """
     return Problem((_block((-math.inf, math.inf), cost=lambda x, u, p: u**2),))
-
-
-#: The least cost of `least_effort_move`: the force is 6 - 12 t.
-LEAST_EFFORT = 12.0
 
 
 def least_work_move(force: float = 10.0) -> Problem:
@@ -191,15 +190,15 @@ def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
 
 
 def gear_cost(motor: float = 0.02, load: float = 0.5) -> float:
-    """The least cost: `LEAST_EFFORT`, at the ratio sqrt(load / motor), at which inertias match.
+    """The least cost: the least effort at the ratio sqrt(load / motor), at which inertias match.
 
     The torque is (motor ratio + load / ratio) times the load's acceleration.
     """
-    return LEAST_EFFORT * 4 * motor * load
+    return 12.0 * 4 * motor * load
 
 
 def coasting() -> Problem:
-    """Bring x to 0 at least integral of x^2: full speed for 1 s, then a singular arc of 1 s."""
+    """Bring x to 0 at least integral of x^2, 1/3: full speed for 1 s, then a singular arc."""
     coast = Phase(
         "coast",
         states=("x",),
@@ -211,10 +210,6 @@ def coasting() -> Problem:
         duration=2.0,
     )
     return Problem((coast,))
-
-
-#: The least cost of `coasting`: that of the first second.
-COASTING = 1 / 3
 
 
 def unstable(duration: float = 40.0) -> Problem:
@@ -399,14 +394,14 @@ PROBLEMS = (
     Example(cart_pole, lambda: SWING_UP),
     Example(bouncing_ball, bouncing_ball_energy),
     Example(fastest_move, fastest_move_time),
-    Example(least_effort_move, lambda: LEAST_EFFORT),
+    Example(least_effort_move, lambda: 12.0),
     Example(least_work_move, least_work),
     Example(bryson_denham, bryson_denham_cost),
     Example(gear, gear_cost),
     Example(hanging_chain, hanging_chain_energy),
     Example(passive_wheel, passive_wheel_rate),
     Example(compass_walker, lambda: COMPASS),
-    Example(coasting, lambda: COASTING),
+    Example(coasting, lambda: 1 / 3),
     Example(unstable, lambda: HELD),
     Example(free_flying_robot, lambda: FLOWN),
 )

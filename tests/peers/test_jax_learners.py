@@ -47,21 +47,30 @@ def test_rejax_trains_with_a_prior_and_leaves_a_policy_that_acts(tmp_path: Path)
     pytest.importorskip("rejax")
     import torch
 
+    from agents.learner import PRIOR
     from agents.policy_files import load_policy
     from agents.prior import LOWEST, Fitted, Prior
+    from agents.sb3.learner import Ppo
     from rimless_gym import BUILDABLE
     from rimless_gym.envs.layout import observe
     from rimless_gym.envs.task import Task
-    from scripts.studies.rejax_ppo import prior_env, trained
+    from scripts.studies.rejax_ppo import NAMES, ppo_of_rejax, prior_env, trained, with_actor
 
     states = np.array([[1.5, 0.3, 1.0, 9.0, 0, 0], [1.3, -2.0, 1.2, 10.0, 0, 0]])
     seen = observe(BUILDABLE, states)
     network = torch.nn.Sequential(torch.nn.Linear(6, 4), torch.nn.Tanh(), torch.nn.Linear(4, 1))
     potential = Fitted(network)
     prior = Prior("two states", BUILDABLE, Task(), 0.01, states, potential, LOWEST)
-    of_jax = jax.vmap(prior_env(prior).potential)(seen)
+    few = {"n_timesteps": 64, "n_envs": 8, "n_steps": 4, "batch_size": 16, "n_epochs": 1}
+    settings = Ppo.settings(PRIOR, few)
+    of_jax = jax.vmap(prior_env(prior, settings).potential)(seen)
     assert np.asarray(of_jax) == pytest.approx(potential(seen), abs=1e-6)
 
-    for file in trained(prior, 2, 64, tmp_path, SMALL):
+    ppo, _ = ppo_of_rejax(prior, settings)
+    state = ppo.init_state(jax.random.key(0))
+    for file in trained(prior, 2, tmp_path, few):
         policy = load_policy(file)
-        assert np.abs(policy.act(seen)).max() <= 1.0
+        layers = [policy.parts.weights[name].T for name in NAMES]
+        params = with_actor(state, np.full(1, -100.0), layers).actor_ts.params  # hardly any noise
+        actions = ppo.actor.apply(params, seen, jax.random.key(0), method="act")
+        assert policy.act(seen) == pytest.approx(np.asarray(actions)[:, 0], abs=1e-5)

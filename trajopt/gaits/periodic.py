@@ -65,7 +65,7 @@ USUAL_SPEED = 0.62
 SAME = 1e-9
 
 #: With what a search that found no gait is made again, at other limits and speeds.
-SHORT_SEARCH: dict[str, Any] = {"starts": 15, "shipped": 1}
+SHORT_SEARCH: dict[str, Any] = {"starts": 8, "shipped": 1}
 
 
 class Solved(NamedTuple):
@@ -352,6 +352,11 @@ def _require_possible(params: WheelParams, speed: float, steps: int) -> None:
             f"speed = {speed}: must be at most {pressed:.4g} m/s, above which this machine's feet "
             "lift off: the hub falls too far in a step for its pendulum to make up; a heavier or "
             "longer pendulum, or more legs, allow a higher speed"
+        )
+    if params.friction < (steepness := abs(math.tan(params.slope))):
+        raise NoGaitError(
+            f"friction = {params.friction:g}: must be at least {steepness:.3g}, the tangent of the "
+            "slope along which the feet bear the weight; lower the slope or raise the friction"
         )
     if not possible_turns(params, speed, steps):
         short = min(motor_deficit(params, speed, k / steps) for k in range(-steps, 1))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.bounds import motor_deficit
+from trajopt.gaits.bounds import cot_bound, motor_deficit
 from trajopt.gaits.library import gaits_around, repeated_phases
 from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.ocp.guesses import Guess, polyline
@@ -22,8 +24,9 @@ from trajopt.ocp.problem import Problem
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
 ELEMENT_TIME, MOST_ELEMENTS = 0.05, 40
 
-#: IPOPT's iterations, and its first barrier where a start is a gait of another machine or speed.
-ITERATIONS, KNOWN_BARRIER = 150, 1e-3
+#: IPOPT's iterations for a problem (starts that take more seldom become gaits), and its first
+#: barrier where a start is a gait of another machine or speed.
+ITERATIONS, KNOWN_BARRIER = 100, 1e-3
 
 #: Most whole turns of theta per step, either way, in one round of random motions after another. A
 #: round makes one motion of each number. Few turns have more optima, and more that are good.
@@ -33,10 +36,13 @@ MOST_TURNS = (8, 1, 2, 1, 4, 1, 2, 1)
 #: step, which a stride may repeat.
 SHIPPED, SHORTER = 3, 3
 
+#: A start: the turns of theta in a stride, and a known gait with as many; None for a random motion.
+GaitStart: TypeAlias = tuple[int, Guess | None]
+
 
 @dataclasses.dataclass(frozen=True)
 class GaitFamily:
-    """Starts of gaits: first the known ones, then random motions of every winding number in turn.
+    """Starts of gaits: known gaits of any machine with as many steps, and random motions.
 
     A random motion is solved with regeneration first, where the landscape is smoother: ten times as
     many become gaits.
@@ -47,33 +53,26 @@ class GaitFamily:
         regeneration: whether the final objective is E, not E+.
         problem: one problem of the family; those of all starts share its functions, in other
             processes too.
-        known: gaits of any machine with as many steps, and their whole turns of theta per stride.
-        turns: that random motions make per stride, in this order, over and over.
+        starts: in order.
     """
 
     params: WheelParams
     speed: float
     regeneration: bool
     problem: Problem
-    known: tuple[tuple[Guess, int], ...]
-    turns: tuple[int, ...]
-
-    @property
-    def steps(self) -> int:
-        """Per stride."""
-        return len(self.problem.phases)
+    starts: tuple[GaitStart, ...] = ()
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
         """Start number `index`."""
-        if index < len(self.known):
-            guess, turns = self.known[index]
-            known = self._posed(turns, self.regeneration)
-            return Start(guess, None, (known,), str(turns), {"mu_init": KNOWN_BARRIER})
-        turns = self.turns[(index - len(self.known)) % len(self.turns)]
-        stride_time = self.steps * self.params.step_length / self.speed
-        guess = random_motion(self.params, self.steps, stride_time, turns, rng)
-        objectives = [True] if self.regeneration else [True, False]
-        problems = tuple(self._posed(turns, each) for each in objectives)
+        turns, guess = self.starts[index]
+        final = self._posed(turns, self.regeneration)
+        if guess is not None:
+            return Start(guess, None, (final,), str(turns), {"mu_init": KNOWN_BARRIER})
+        steps = len(self.problem.phases)
+        guess = random_motion(
+            self.params, steps, steps * self.params.step_length / self.speed, turns, rng
+        )
+        problems = (final,) if self.regeneration else (self._posed(turns, True), final)
         return Start(guess, None, problems, str(turns))
 
     def _posed(self, turns: int, regeneration: bool) -> Problem:
@@ -94,6 +93,9 @@ def search_gaits(
 ) -> Search:
     """Local optima from known gaits and random motions; their `kind` is the turns of a stride.
 
+    No start has turns for which the motor is too weak, and no random one turns whose lower bound
+    exceeds the cost of a gait from a known start.
+
     Args:
         params: the machine.
         speed: m/s.
@@ -110,28 +112,40 @@ def search_gaits(
         KeyboardInterrupt: Ctrl-C was pressed.
     """
     settings: dict[str, Any] = {"seed": seed, "workers": workers, "progress": progress}
-    known = [(gait.phases, gait.theta_turns) for gait in gaits_around(speed, steps, shipped)]
+    possible = possible_turns(params, speed, steps)
+    likely: list[GaitStart] = [
+        (gait.theta_turns, gait.phases)
+        for gait in gaits_around(speed, steps, shipped)
+        if gait.theta_turns in possible
+    ]
     if steps > 1:
         one_step: dict[str, Any] = {"starts": starts, "shipped": shipped, **settings}
         single = search_gaits(params, speed, 1, regeneration, **one_step)
         for optimum in single.optima[:SHORTER]:
             gained = int(optimum.best.kind)
-            known.append((repeated_phases(optimum.phases, gained, steps), steps * gained))
+            phases = repeated_phases(optimum.phases, gained, steps)
+            likely.append((steps * gained, phases))
     problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
-    possible = possible_turns(params, speed, steps)
-    turns = tuple(k for most in MOST_TURNS for k in possible if abs(k) <= most * steps)
-    family = GaitFamily(params, speed, regeneration, problem, tuple(known), turns)
     needed = math.ceil(params.step_length / speed / ELEMENT_TIME)
     elements = min(max(SEARCH_ELEMENTS, needed), MOST_ELEMENTS)
-    mesh = Mesh.uniform(problem, elements, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
-    return multi_start(
-        *(problem, family, len(known) + (starts if turns else 0)),
-        mesh=mesh,
+    solved = partial(
+        multi_start,
+        problem,
+        mesh=Mesh.uniform(problem, elements, SEARCH_DEGREE, control_degree=CONTROL_DEGREE),
         same=same_gait,
         unit=("CoT", params.weight * steps * params.step_length),
         max_iter=ITERATIONS,
         **settings,
     )
+    family = GaitFamily(params, speed, regeneration, problem, tuple(likely))
+    known = solved(family, len(likely))
+    least = min((optimum.cost / known.unit[1] for optimum in known.optima), default=math.inf)
+    bound = partial(cot_bound, params, speed=speed, steps=steps, regeneration=regeneration)
+    better = [turns for turns in possible if bound(theta_turns=turns) < least]
+    rounds = [(k, None) for most in MOST_TURNS for k in better if abs(k) <= most * steps]
+    random = itertools.islice(itertools.cycle(rounds), starts)
+    family = dataclasses.replace(family, starts=(*likely, *random))
+    return solved(family, len(family.starts), earlier=known.outcomes)
 
 
 def possible_turns(params: WheelParams, speed: float, steps: int) -> tuple[int, ...]:

@@ -15,6 +15,7 @@ from trajopt.ocp.arrays import Array
 from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate, limits_on_grid
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
 from trajopt.ocp.layout import evaluated, running_cost
+from trajopt.ocp.pontryagin import finite
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.scaling import PhaseScales, Scales, jacobian, scales_of
 from trajopt.ocp.schemes import full_differentiation_matrix, lagrange_matrix
@@ -27,8 +28,9 @@ SAME_COST = 5e-3
 #: IPOPT's status where a function or a derivative is not finite.
 UNDEFINED = "Invalid_Number_Detected"
 
-#: Steps of the 8th-order integrator per element.
-STEPS = 2
+#: Steps of the 8th-order integrator per element: the fewest and the most, and how many of the
+#: fastest time constants of a stiff motion a step may last, within which it is stable.
+STEPS, STABLE = (2, 200), 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -178,19 +180,30 @@ def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
 def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
     """States (M, nx) at the elements' right edges, integrated from their left edges.
 
-    They may be infinite or NaN on long stiff elements, where an explicit method fails.
+    They may be infinite or NaN where a motion is too stiff for an explicit method.
     """
-    y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / STEPS
-    for step in range(STEPS):
-        rates: list[Array] = []
+    rates = np.abs(np.linalg.eigvals(mean_slopes(phase, trajectory, p))).max(axis=1)
+    needed = math.ceil((rates * trajectory.element_durations).max() / STABLE)
+    steps = min(max(needed, STEPS[0]), STEPS[1])
+    y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / steps
+    for step in range(steps):
+        flows: list[Array] = []
         for i, row in enumerate(DOP853.A):
-            x = y + h * sum((a * f for a, f in zip(row, rates, strict=False)), start=0.0 * y)
-            s = (step + DOP853.C[i]) / STEPS
+            x = y + h * sum((a * f for a, f in zip(row, flows, strict=False)), start=0.0 * y)
+            s = (step + DOP853.C[i]) / steps
             basis = lagrange_matrix(trajectory.control_nodes, np.array([s]))[0]
             u = np.einsum("m,emu->eu", basis, trajectory.controls)
-            rates.append(evaluated(phase.flow, x, u, p))
-        y = y + h * sum((b * f for b, f in zip(DOP853.B, rates, strict=True)), start=0.0 * y)
+            flows.append(evaluated(phase.flow, x, u, p))
+        y = y + h * sum((b * f for b, f in zip(DOP853.B, flows, strict=True)), start=0.0 * y)
     return y
+
+
+def mean_slopes(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
+    """The derivatives of the flow with respect to the states, every element's mean (M, nx, nx)."""
+    nx = len(phase.states)
+    controls = lagrange_matrix(trajectory.control_nodes, trajectory.nodes) @ trajectory.controls
+    slopes = evaluated(jacobian(phase.flow), trajectory.states, controls, p)[..., : nx * nx]
+    return finite(slopes.mean(axis=1)).reshape(-1, nx, nx).swapaxes(1, 2)
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:

@@ -212,6 +212,7 @@ def multi_start(
     mesh: Mesh | None = None,
     same: Same = Outcome.same_as,
     unit: tuple[str, float] = ("cost", 1.0),
+    earlier: Sequence[Outcome] = (),
     progress: bool = True,
     **options: Any,
 ) -> Search:
@@ -228,6 +229,7 @@ def multi_start(
         mesh: 14 elements of degree 4 per phase by default.
         same: (outcome, outcome) -> whether they are the same optimum.
         unit: what the bar and the report call the cost, and by what they divide it.
+        earlier: outcomes of the first starts, which are not solved again.
         progress: whether to show a bar on a terminal, with the least cost and how often it was met.
         options: of IPOPT, over `OPTIONS`.
 
@@ -244,9 +246,9 @@ def multi_start(
     require_kind("mesh", mesh, Mesh)
     search = Search(problem, family, seed, mesh, OPTIONS | options, same=same, unit=unit)
     solved = partial(_solved, cloudpickle.dumps(search))
-    outcomes: dict[int, Outcome] = {}
-    bar = progress_bar("starts", progress, total=starts)
-    with closing(run(solved, range(starts), workers)) as results, bar:
+    outcomes = {outcome.index: outcome for outcome in earlier}
+    bar = progress_bar("starts", progress, total=starts, initial=len(outcomes))
+    with closing(run(solved, range(len(outcomes), starts), workers)) as results, bar:
         for index, outcome in results:
             outcomes[index] = outcome
             for best in distinct(outcomes.values(), same)[:1]:
@@ -311,7 +313,7 @@ def _solved(pickled: bytes, index: int) -> Outcome:
         iterations += result.iterations
         if not result.success:
             break
-    failure = "" if result.success else f"{result.status}: {result.worst}"
+    failure = "" if result.success else ": ".join([result.status, *map(str, result.violations[:1])])
     solution = result.cost, result.phases, result.parameters
     scales = scales_of(problem, *solution[1:])
     return Outcome(index, start.kind, *solution, iterations, failure, scales)

@@ -21,12 +21,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from rimless_gym.crossings import with_zeros
+from trajopt.ocp.accuracy import mean_slopes
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.layout import evaluated
-from trajopt.ocp.pontryagin import finite
 from trajopt.ocp.problem import Phase, Problem
-from trajopt.ocp.scaling import PhaseScales, Scales, jacobian
-from trajopt.ocp.schemes import lagrange_matrix
+from trajopt.ocp.scaling import PhaseScales, Scales
 from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Tolerances of the integrator, the second relative to the scales.
@@ -119,10 +117,7 @@ def _divided(
     The growth is that of the linearised motion, with each element's mean derivatives.
     """
     nx, h = len(phase.states), trajectory.element_durations
-    controls = lagrange_matrix(trajectory.control_nodes, trajectory.nodes) @ trajectory.controls
-    slopes = evaluated(jacobian(phase.flow), trajectory.states, controls, p)[..., : nx * nx]
-    mean = finite(slopes.mean(axis=1)).reshape(-1, nx, nx).swapaxes(1, 2)
-    mean *= scales.states / scales.states[:, None]
+    mean = mean_slopes(phase, trajectory, p) * (scales.states / scales.states[:, None])
     pieces: list[Piece] = []
     since, decades, most = np.eye(nx), 0.0, math.log10(MOST_GROWTH)
     for e, A in enumerate(mean):

@@ -87,11 +87,6 @@ class Result:
     multipliers: Array = dataclasses.field(repr=False)
     bound_multipliers: Array = dataclasses.field(repr=False)
 
-    @property
-    def worst(self) -> str:
-        """The constraint that is violated most, in words."""
-        return str(self.violations[0]) if self.violations else "no constraint violated"
-
 
 @contextmanager
 def interruptible() -> Iterator[None]:

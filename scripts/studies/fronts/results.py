@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, product
-from typing import Any, NamedTuple
+from typing import Any
 
 from rimless_gym.params import WheelParams
 from scripts.studies.fronts.solving import (
@@ -297,7 +297,7 @@ def joints(seed: int, results: SearchResults) -> list[Task]:
     tasks: list[Task] = []
     for steps in STEPS[1:]:
         offers = [
-            Offer((count, fast.turns, slow.turns), (fast,) * count + (slow,) * (steps - count))
+            ((count, fast.turns, slow.turns), (fast,) * count + (slow,) * (steps - count))
             for fast, slow in product(ones, ones)
             for count in range(1, steps)
             if fast.speed > slow.speed
@@ -307,22 +307,18 @@ def joints(seed: int, results: SearchResults) -> list[Task]:
     return tasks
 
 
-class Offer(NamedTuple):
-    """Gaits that might be joined to a stride; of those of one kind only the best is."""
-
-    kind: tuple[int, ...]
-    parts: tuple[SearchGait, ...]
-
-
 def promising(
     results: SearchResults,
     place: Place,
-    offers: Iterable[Offer],
+    offers: Iterable[tuple[tuple[int, ...], tuple[SearchGait, ...]]],
     most: int,
     margin: float,
     wrong_time: float,
 ) -> list[Task]:
-    """The joints of least estimated cost, if it is less than `margin` times the least known."""
+    """The joints of least estimated cost, if it is less than `margin` times the least known.
+
+    Of the parts offered with one kind only those of least cost count.
+    """
     L, best = results.params.step_length, dict[tuple[int, ...], tuple[float, Joint]]()
     duration = place.steps * L / place.speed
     for kind, parts in offers:

@@ -23,7 +23,7 @@ from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.command import DOCS, WINDOWS, chosen, publish, ship
-from scripts.studies.fronts.results import STEPS, Offer, SearchResults, neighbours, promising
+from scripts.studies.fronts.results import STEPS, SearchResults, neighbours, promising
 from scripts.studies.fronts.search import LAST, FineMeshes, Run
 from scripts.studies.fronts.solving import (
     Continuation,
@@ -116,7 +116,7 @@ def guesses(results: SearchResults, speeds: Iterable[float], steps: int) -> Iter
     alike = [(*(one,) * (steps - 1), other) for one, other in itertools.permutations(ones, 2)]
     for place in [Place(LAST, speed, steps) for speed in speeds]:
         for ways in (alike, itertools.product(ones, shorter)):
-            offers = [Offer((sum(part.turns for part in parts),), parts) for parts in ways]
+            offers = [((sum(part.turns for part in parts),), parts) for parts in ways]
             yield from promising(results, place, offers, GUESSES, PROMISING, WRONG_TIME)
 
 

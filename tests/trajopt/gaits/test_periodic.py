@@ -14,6 +14,7 @@ from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from tests.trajopt.ocp.problems import unit_scales
 from trajopt import NoGaitError, periodic_gait
 from trajopt.gaits import verify as verifying
+from trajopt.gaits.bounds import cot_bound
 from trajopt.gaits.library import index, nearest
 from trajopt.gaits.search import random_motion, same_gait, search_gaits
 from trajopt.ocp.multi_start import Outcome, distinct
@@ -139,6 +140,17 @@ def test_random_starts_are_the_same_in_other_processes():
     assert [o.index for o in shared.outcomes] == [0, 1]
 
 
+@pytest.mark.slow
+def test_no_random_start_has_turns_that_cannot_beat_a_known_gait():
+    search = search_gaits(BUILDABLE, 0.6, 1, starts=6, shipped=1)
+    known = [o for o in search.outcomes if search.family.starts[o.index][1] is not None]
+    least = min(o.cost for o in known if not o.failure) / search.unit[1]
+    tried = {int(o.kind) for o in search.outcomes[len(known) :]}
+    assert -1 in tried
+    for turns in tried:
+        assert cot_bound(BUILDABLE, speed=0.6, steps=1, theta_turns=turns) < least
+
+
 def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
     shifted = gait.phases[1:] + gait.phases[:1]
     starts = [(gait.phases, 1.0), (shifted, 1.0), (gait.phases, 2.0)]
@@ -168,6 +180,11 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
             {"params": {"slope": -0.1, "voltage_limit": 2}},
             NoGaitError,
             "voltage_limit = 2: the motor is .* W short of what friction, damping, drag and slope",
+        ),
+        (
+            {"params": {"slope": 0.7, "friction": 0.5}},
+            NoGaitError,
+            r"friction = 0\.5: must be at least 0\.842, the tangent of the slope",
         ),
         ({"steps": 1.5}, TypeError, r"steps = 1\.5: must be an integer of at least 1"),
         ({"steps": 0}, ValueError, "steps = 0: must be an integer of at least 1"),

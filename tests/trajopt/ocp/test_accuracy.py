@@ -206,6 +206,26 @@ def test_a_simulation_gives_up_on_what_an_explicit_integrator_cannot_follow(
     assert found.resimulation.chain_error == math.inf
 
 
+def test_a_stiff_motion_needs_no_short_elements() -> None:
+    """A lag of 1 ms before one of 1 s: the cost is 1 / integral of the impulse response squared."""
+    rate = 1e3
+    lagging = Phase(
+        "lag",
+        states=("x", "y"),
+        controls=("u",),
+        flow=lambda x, u, p: (x[1] - x[0], rate * (u[0] - x[1])),
+        cost=lambda x, u, p: u[0] ** 2,
+        start={"x": 0.0, "y": 0.0},
+        end={"x": 1.0},
+        duration=1.0,
+    )
+    found = solve(Problem((lagging,)), verify=False)
+    assert found.converged, found.report()
+    assert found.mesh.elements < 40
+    t, slow, fast = (-math.expm1(-k) / k for k in (2.0, 1.0 + rate, 2.0 * rate))
+    assert found.cost == pytest.approx(((rate - 1) / rate) ** 2 / (t - 2 * slow + fast), rel=1e-7)
+
+
 @pytest.mark.parametrize("duration", [40.0, 100.0])
 def test_an_unstable_motion_is_simulated_in_spans_over_which_errors_grow_little(
     duration: float,
