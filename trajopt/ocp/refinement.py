@@ -125,8 +125,9 @@ def refined(
             wasteful = gap > 1.0
             jumps, inside = breaks(trajectory, e, units) if wasteful else [], []
             if wasteful and not jumps:
-                at = wanted[i][wanted[i][:, 0] == e, 1]
-                jumps = at[(at > AT_EDGE) & (at < 1 - AT_EDGE)].tolist()
+                at = np.sort(wanted[i][wanted[i][:, 0] == e, 1])
+                apart = np.diff(at, prepend=0.0) > AT_EDGE
+                jumps = at[apart & (at < 1 - AT_EDGE)].tolist()
             if not jumps:
                 excess = max(excess, gap)
             if jumps or max(excess, limits[i][e]) > 1.0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -40,10 +41,16 @@ _FAULTLESS = Quality(*(NONE for _ in dataclasses.fields(Quality)))
 UNITS = ones(Problem((block(),)).phases[0])
 
 
-def refine(trajectory: PhaseTrajectory, faults: Quality, mesh: Mesh) -> Mesh:
+def refine(
+    trajectory: PhaseTrajectory,
+    faults: Quality,
+    mesh: Mesh,
+    wanted: Sequence[tuple[int, float]] = (),
+) -> Mesh:
     tolerances = Tolerances(states=1e-7, cost=1e-6, limits=1e-6)
     where = mesh, Problem((block(),)), [trajectory], NONE
-    return refined(*where, [UNITS], [faults], [np.zeros((0, 2))], tolerances)
+    switches = [np.array(wanted).reshape(-1, 2)]
+    return refined(*where, [UNITS], [faults], switches, tolerances)
 
 
 @pytest.fixture
@@ -54,6 +61,13 @@ def smooth() -> PhaseTrajectory:
 def test_a_mesh_without_fault_is_kept(smooth: PhaseTrajectory) -> None:
     mesh = Mesh.uniform(1, 4, 6)
     assert refine(smooth, quality(4), mesh) == mesh
+
+
+def test_an_element_is_split_once_where_several_switches_are_wanted_at_one_place() -> None:
+    constant = sampled([0.0, 0.25, 0.5, 0.75, 1.0], lambda t: 0.5 + 0.0 * t)
+    wanted = [(1, 0.8), (1, 0.4), (1, 0.4 + 1e-9), (1, 0.4), (1, 1e-4), (2, 0.5)]
+    mesh = refine(constant, quality(4, cost_gap={1: 1e-4}), Mesh.uniform(1, 4, 6), wanted)
+    assert mesh.fractions[0] == pytest.approx((0.0, 0.25, 0.35, 0.45, 0.5, 0.75, 1.0))
 
 
 @pytest.mark.parametrize(("error", "degree"), [(2e-7, 7), (5e-6, 8), (2e-4, 10)])
