@@ -249,12 +249,11 @@ class AdaptiveWalks:
         self.plans: list[Plan | None] = [None] * n
         self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table
-        self._covariance = np.full(
-            (n, len(controller.table.names), len(controller.table.names)), np.nan
-        )
+        k = len(controller.table.names)
+        self._covariance = np.full((n, k, k), np.nan)
         self._rng = [np.random.default_rng([seed, row]) for row in range(n)]
         # phi, theta, foot, mode, V of the last samples, the latest last
-        self._memory = np.full((n, round(EVERY / CONTROL_PERIOD), 5), np.nan)
+        self._memory = np.full((n, _EVERY, 5), np.nan)
 
     def __call__(
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
@@ -268,11 +267,9 @@ class AdaptiveWalks:
                 self._choose(row)
             if due:
                 self._identify(row)
-        guard = ContactGuard(
-            *(self.controller.params, lambda x, m: self._volts(rows, x, m)),
-            self.controller.margin,
+        volts = np.array(
+            [self._volts(row, states[i], modes[i]) for i, row in enumerate(rows.tolist())]
         )
-        volts = guard(states, modes)
         errors = self.controller.encoders * np.array(
             [self._rng[row].standard_normal(2) for row in rows]
         )
@@ -288,10 +285,8 @@ class AdaptiveWalks:
             "tick": self.tick,
             "machines": [each.to_dict() for each in self.machines],
             "covariance": self._covariance.copy(),
-            **{
-                name: [None if p is None else list(p) for p in plans]
-                for name, plans in (("plans", self.plans), ("next", self._next))
-            },
+            "plans": [plan and list(plan) for plan in self.plans],
+            "next": [plan and list(plan) for plan in self._next],
             "identified": self.identified.copy(),
             "memory": self._memory.copy(),
             "random": [each.bit_generator.state for each in self._rng],
@@ -304,7 +299,8 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self.plans, self._next = (
-            [p and Plan(*p[:2], np.array(p[2])) for p in state[name]] for name in ("plans", "next")
+            [p and Plan(p[0], p[1], np.array(p[2])) for p in state[name]]
+            for name in ("plans", "next")
         )
         for row in range(len(self.machines)):
             self._choose(row)
@@ -319,16 +315,14 @@ class AdaptiveWalks:
         self._data[row] = gains_of(law, table.law.data)._replace(blend=blend)
         self._approaches[row] = self.controller.approach_to(self._data[row].orbit)
 
-    def _volts(self, rows: NDArray[np.int64], x: Floats, modes: NDArray[np.int64]) -> Floats:
-        """The law's voltage near its gait, and the start-up controller's elsewhere."""
-        volts = np.empty(len(x))
-        for i, row in enumerate(rows.tolist()):
-            approach = self._approaches[row]
-            volts[i], squared = _voltage(x[i], modes[i], self._data[row])
-            if modes[i] == DOUBLE or squared > approach.near**2:
-                startup = dataclasses.replace(approach.startup, params=self.machines[row])
-                volts[i] = startup(x[i], modes[i])
-        return volts
+    def _volts(self, row: int, x: Floats, mode: int) -> float:
+        """A walk's voltage: the law's near its gait, elsewhere the start-up controller's."""
+        machine, approach = self.machines[row], self._approaches[row]
+        volts, squared = _voltage(x, mode, self._data[row])
+        if mode == DOUBLE or squared > approach.near**2:
+            volts = dataclasses.replace(approach.startup, params=machine)(x, mode)
+        guard = ContactGuard(machine, lambda x, mode: np.array([volts]), self.controller.margin)
+        return float(guard(x, mode))
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""

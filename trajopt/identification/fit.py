@@ -360,8 +360,7 @@ class _Fit:
         k, log = len(p), self.log
         substeps = math.ceil(log.period / STEP - 1e-9)
         measured, sd = self._measured()
-        # the free parameters are p; with those of one machine for all, the functions are cached
-        free = {name: getattr(BUILDABLE, name) for name in self.free}
+        free = {name: getattr(BUILDABLE, name) for name in self.free}  # alike for all: p counts
         model = dataclasses.replace(self.params, pendulum_reach=None, **free)
         r = np.zeros((n, length, len(self.channels)))
         J = np.zeros((*r.shape, 4 + k))
