@@ -47,11 +47,11 @@ SUCCESS, INFEASIBLE = "Solve_Succeeded", "Infeasible_Problem_Detected"
 #: Numbers of one problem differ by less than this (relative) on all processors.
 SAME_NUMBERS = 1e-9
 
-#: Functions of two problems are compared at so many places along a solution, and at as many that
-#: are so far away, relative to its scales.
-SAMPLES, RADII = 8, (0.0, 0.1, 1.0, 10.0)
+#: Functions of two problems are compared at so many places so far from a solution, relative to its
+#: scales: not on it, where equations that it satisfies leave nothing but rounding.
+SAMPLES, RADII = 8, (0.01, 0.1, 1.0, 10.0)
 
-FORMAT = "trajopt extremal 6"
+FORMAT = "trajopt extremal 7"
 
 REMEDY = "copy it again, or solve its problem again"
 
@@ -434,7 +434,7 @@ def _names(problem: Problem) -> dict[str, Any]:
 
 
 def _numbers(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array, units: Array) -> Array:
-    """All numbers of a problem, and what its functions return along and around a solution.
+    """All numbers of a problem, and what its functions return around a solution.
 
     Every row is one quantity at `SAMPLES` places; `units` are `Scales.flat`. Problems of the same
     names with the same numbers are the same, though traced elsewhere.

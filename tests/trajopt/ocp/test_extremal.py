@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from tests.trajopt.ocp.problems import solved
+from tests.trajopt.ocp.problems import move, solve_once, solved
 from trajopt import (
     Extremal,
     ExtremalFileError,
@@ -179,6 +179,17 @@ def test_a_solution_of_another_problem_is_refused(path: Path, change: str) -> No
 
 def test_the_same_problem_traced_anew_is_accepted(path: Path) -> None:
     assert Extremal.load(path, relay()).converged
+
+
+def test_a_problem_is_the_same_where_its_functions_are_rounded_otherwise(tmp_path: Path) -> None:
+    """The solution satisfies the equation, so that its last digits are all that is left of it."""
+
+    def reaching(rounding: float) -> Problem:
+        at_end = equal(lambda x, p: ca.sin(x[0]) + x[1] - 0.7 + rounding, [0.0], "sum")
+        return Problem((move(end={}, at_end=at_end),))
+
+    solve_once(reaching(0.0)).save(tmp_path / "it.npz")
+    assert Extremal.load(tmp_path / "it.npz", reaching(1e-15)).converged
 
 
 def rewritten(path: Path, change: dict[str, Any], **closed: Any) -> None:
