@@ -12,9 +12,6 @@ from scipy.optimize import brentq
 from tqdm import tqdm
 
 from agents.cli.options import Count, Names, Positive, chosen
-from rimless_gym.params import WheelParams
-from rimless_gym.presets import THESIS_PHYSICAL
-from rimless_gym.symbolic import HybridModel
 from scripts.studies.documents.markdown import table
 from trajopt import Extremal, Linkage, Mesh, Phase, Problem, equal, nonnegative, solve
 
@@ -279,36 +276,6 @@ def hanging_chain_energy(length: float = 1.5) -> float:
     return 0.5 * a * (1 + a * math.sinh(1 / a)) - a * math.cosh(0.5 / a) * length
 
 
-def passive_wheel(legs: int = 8, slope: float = 0.12) -> Problem:
-    """The only cycle of a bare wheel down a slope; the cost is its rate after touchdown (rad/s)."""
-    params = _bare_wheel(legs, slope)
-    model = HybridModel(params)
-
-    def full(x: Any) -> Any:
-        return ca.vertcat(x[0], 0, x[1], 0)
-
-    stance = Phase(
-        "stance",
-        states=("phi", "dphi"),
-        flow=lambda x, u, p: model.flow(full(x), 0.0)[[0, 2]],
-        start={"phi": params.constants.a, "dphi": (0.1, 10.0)},
-        end={"phi": (params.constants.a, params.constants.a + 2 * params.constants.alpha)},
-        duration=(0.05, 5.0),
-    )
-    return Problem(
-        (stance,),
-        linkages=(Linkage(0, 0, lambda x, p: model.touchdown(full(x))[[0, 2]]),),
-        endpoint_cost=lambda starts, ends, durations, p: starts[0][1],
-    )
-
-
-def passive_wheel_rate(legs: int = 8, slope: float = 0.12) -> float:
-    """The cycle's rate after touchdown (rad/s): Tedrake, Underactuated Robotics, "Simple legs"."""
-    params, a = _bare_wheel(legs, slope), math.pi / legs
-    push = 4 * params.gravity / params.leg_length * math.sin(a) * math.sin(slope)
-    return math.sqrt(push) / math.tan(2 * a)
-
-
 def compass_walker(slope: float = 0.009) -> Problem:
     """The longer cycle of a bare compass down a slope: massless legs, feet lighter than the hip.
 
@@ -345,17 +312,6 @@ def compass_walker(slope: float = 0.009) -> Problem:
 #: The angle of `compass_walker` after a step at a slope of 0.009 (Garcia, Chatterjee, Ruina and
 #: Coleman, The simplest walking model, J. Biomech. Eng. 120 (1998)).
 COMPASS = 0.200310900544287
-
-
-def _bare_wheel(legs: int, slope: float) -> WheelParams:
-    return THESIS_PHYSICAL.replace(
-        n_legs=legs,
-        slope=slope,
-        wheel_inertia=0.0,
-        pendulum_length=0.0,
-        pendulum_inertia=0.1,
-        motor_constant=0.0,
-    )
 
 
 def _block(force: tuple[float, float], distance: float = 1.0, **more: Any) -> Phase:
@@ -399,7 +355,6 @@ PROBLEMS = (
     Example(bryson_denham, bryson_denham_cost),
     Example(gear, gear_cost),
     Example(hanging_chain, hanging_chain_energy),
-    Example(passive_wheel, passive_wheel_rate),
     Example(compass_walker, lambda: COMPASS),
     Example(coasting, lambda: 1 / 3),
     Example(unstable, lambda: HELD),

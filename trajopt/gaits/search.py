@@ -128,24 +128,21 @@ def search_gaits(
     problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
     needed = math.ceil(params.step_length / speed / ELEMENT_TIME)
     elements = min(max(SEARCH_ELEMENTS, needed), MOST_ELEMENTS)
-    solved = partial(
-        multi_start,
-        problem,
-        mesh=Mesh.uniform(problem, elements, SEARCH_DEGREE, control_degree=CONTROL_DEGREE),
-        same=same_gait,
-        unit=("CoT", params.weight * steps * params.step_length),
-        max_iter=ITERATIONS,
-        **settings,
-    )
+    settings |= {
+        "mesh": Mesh.uniform(problem, elements, SEARCH_DEGREE, control_degree=CONTROL_DEGREE),
+        "same": same_gait,
+        "unit": ("CoT", params.weight * steps * params.step_length),
+        "max_iter": ITERATIONS,
+    }
     family = GaitFamily(params, speed, regeneration, problem, tuple(likely))
-    known = solved(family, len(likely))
+    known = multi_start(problem, family, len(likely), **settings)
     least = min((optimum.cost / known.unit[1] for optimum in known.optima), default=math.inf)
     bound = partial(cot_bound, params, speed=speed, steps=steps, regeneration=regeneration)
     better = [turns for turns in possible if bound(theta_turns=turns) < least]
     rounds = [(k, None) for most in MOST_TURNS for k in better if abs(k) <= most * steps]
     random = itertools.islice(itertools.cycle(rounds), starts)
     family = dataclasses.replace(family, starts=(*likely, *random))
-    return solved(family, len(family.starts), earlier=known.outcomes)
+    return multi_start(problem, family, len(family.starts), earlier=known.outcomes, **settings)
 
 
 def possible_turns(params: WheelParams, speed: float, steps: int) -> tuple[int, ...]:

@@ -12,9 +12,15 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.certificate import GRID, SAMPLES, Certificate, certificate, limits_on_grid
+from trajopt.ocp.certificate import (
+    GRID,
+    Certificate,
+    certificate,
+    limits_on_grid,
+    quadratures,
+)
 from trajopt.ocp.constraints import NOTEWORTHY, Violation
-from trajopt.ocp.layout import evaluated, running_cost
+from trajopt.ocp.layout import evaluated
 from trajopt.ocp.pontryagin import finite
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.scaling import PhaseScales, Scales, jacobian, scales_of
@@ -150,31 +156,14 @@ def assess(
 
 def cost_errors(transcription: Transcription, result: Result, scales: Scales) -> list[Array]:
     """The program's quadrature compared with a finer one: `Quality.cost_error` of every phase."""
-    problem, p = transcription.problem, result.parameters
-    integrals = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
-    scale = []
-    for values, units in zip(integrals, scales.phases, strict=True):
-        scale.append(np.r_[scales.cost, units.integral] + np.abs(values.sum(axis=0)))
-        scale[-1][0] = scales.cost + abs(result.cost)
-    for each in transcription.equations.element_blocks:
-        block, errors = each.block, integrals[each.phase]
-        mapped = block.function.map(block.count)
-        outputs, cost = mapped(result.unknowns[block.variables], block.data)
-        quadrature = outputs.full()[len(block.rows) - (errors.shape[1] - 1) :]
-        errors[each.group.elements] -= np.vstack([cost.full(), quadrature]).T
-    return [(np.abs(v) / s).max(axis=1) for v, s in zip(integrals, scale, strict=True)]
-
-
-def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
-    """Integrals over every element, of the running cost and the m integrands: (M, 1 + m)."""
-    s, weights = np.polynomial.legendre.leggauss(SAMPLES)
-    x = lagrange_matrix(trajectory.nodes, 0.5 + 0.5 * s) @ trajectory.states
-    u = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * s) @ trajectory.controls
-    rates = running_cost(phase, x, u, p)[..., None]
-    if phase.integral is not None:
-        rates = np.concatenate([rates, evaluated(phase.integral.function, x, u, p)], axis=-1)
-    h = trajectory.element_durations[:, None]
-    return np.asarray(h * np.einsum("s,esm->em", 0.5 * weights, rates))
+    relative = []
+    for (values, errors), units in zip(
+        quadratures(transcription, result), scales.phases, strict=True
+    ):
+        scale = np.r_[scales.cost, units.integral] + np.abs(values.sum(axis=0))
+        scale[0] = scales.cost + abs(result.cost)
+        relative.append((np.abs(errors) / scale).max(axis=1))
+    return relative
 
 
 def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.equations import path_nodes
-from trajopt.ocp.layout import evaluated
+from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.pontryagin import SLOPE, WEIGHTS, Inside, View, finite, gaps
 from trajopt.ocp.problem import Phase
 from trajopt.ocp.scaling import PhaseScales, Scales
@@ -54,6 +54,8 @@ class Certificate:
             phase, shape (phases,).
         limit_costs: about what it costs that limits are violated, or kept with a margin, shape (M,)
             each.
+        integral_costs: about what it costs that bounded integrals differ from the program's
+            quadrature, shape (phases,).
         switches: of every phase, (element, fraction of it) where a control should switch but does
             not, shape (n, 2) each.
         integral_multipliers: of every phase's bounded integrals, shape (m,) each.
@@ -66,6 +68,7 @@ class Certificate:
     cost_gaps: tuple[Array, ...]
     defect_costs: Array
     limit_costs: tuple[Array, ...]
+    integral_costs: Array
     switches: tuple[Array, ...]
     integral_multipliers: tuple[Array, ...]
     scales: Array
@@ -74,7 +77,7 @@ class Certificate:
     def suboptimality(self) -> float:
         """About how far the cost is from the least, in its unit; the parts do not cancel."""
         of_elements = sum(each.sum() for each in (*self.cost_gaps, *self.limit_costs))
-        return float(of_elements + abs(self.defect_costs.sum()))
+        return float(of_elements + abs(self.defect_costs.sum()) + self.integral_costs.sum())
 
     @property
     def hamiltonian_spread(self) -> float:
@@ -135,6 +138,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         defects.append(_defect_cost(view, inside))
         limits.append(_limit_costs(view, multipliers, scales.phases[i]))
     cost_gaps, switches = zip(*found, strict=True)
+    errors = [finite(each).sum(axis=0)[1:] for _, each in quadratures(transcription, result)]
     widths = [t.element_durations / t.duration for t in result.phases]
     return Certificate(
         costates=tuple(costates),
@@ -143,6 +147,7 @@ def certificate(transcription: Transcription, result: Result, scales: Scales) ->
         cost_gaps=cost_gaps,
         defect_costs=np.array(defects),
         limit_costs=tuple(limits),
+        integral_costs=np.abs([a @ b for a, b in zip(errors, integrals, strict=True)]),
         switches=switches,
         integral_multipliers=tuple(integrals),
         scales=scales.cost / np.array([each.duration for each in scales.phases]),
@@ -196,6 +201,31 @@ def _limit_costs(view: View, multipliers: Array, scales: PhaseScales) -> Array:
     everywhere[:, states.shape[1] :] = multipliers.sum(axis=0)[states.shape[1] :]
     factors = np.where(amounts > 0.0, everywhere, multipliers)
     return np.where(factors > 0.0, factors * np.abs(amounts), 0.0).sum(axis=1)
+
+
+def quadratures(transcription: Transcription, result: Result) -> list[tuple[Array, Array]]:
+    """Integrals of the running cost and the m integrands of every phase's elements, (M, 1 + m).
+
+    And how far the program's own quadrature is from them.
+    """
+    s, weights = np.polynomial.legendre.leggauss(SAMPLES)
+    found = []
+    for phase, t in zip(transcription.problem.phases, result.phases, strict=True):
+        x = lagrange_matrix(t.nodes, 0.5 + 0.5 * s) @ t.states
+        u = lagrange_matrix(t.control_nodes, 0.5 + 0.5 * s) @ t.controls
+        rates = running_cost(phase, x, u, result.parameters)[..., None]
+        if phase.integral is not None:
+            integrand = evaluated(phase.integral.function, x, u, result.parameters)
+            rates = np.concatenate([rates, integrand], axis=-1)
+        values = t.element_durations[:, None] * np.einsum("s,esm->em", 0.5 * weights, rates)
+        found.append((values, values.copy()))
+    for each in transcription.equations.element_blocks:
+        block, errors = each.block, found[each.phase][1]
+        mapped = block.function.map(block.count)
+        outputs, cost = mapped(result.unknowns[block.variables], block.data)
+        integrals = outputs.full()[len(block.rows) - (errors.shape[1] - 1) :]
+        errors[each.group.elements] -= np.vstack([cost.full(), integrals]).T
+    return found
 
 
 def limits_on_grid(

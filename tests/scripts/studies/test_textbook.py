@@ -22,7 +22,7 @@ def test_it_prints_a_row_for_each_named_problem(capsys: pytest.CaptureFixture[st
 def test_the_row_and_the_status_say_that_a_problem_did_not_converge(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    some = ("passive_wheel",)
+    some = ("gear",)
     assert textbook.textbook(problems=some, scheme="trapezoid", tolerance=1e-12) == 1
     assert "mesh error" in capsys.readouterr().out
 

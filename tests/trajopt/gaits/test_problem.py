@@ -11,7 +11,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import Design, HybridModel
-from scripts.studies.textbook import passive_wheel, passive_wheel_rate
+from tests.trajopt.ocp.problems import passive_wheel, passive_wheel_rate
 from trajopt import Extremal, Mesh, Phase, Problem, solve
 from trajopt.gaits.library import nearest
 from trajopt.gaits.problem import (

@@ -12,7 +12,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from scripts.studies import textbook
-from tests.trajopt.ocp.problems import NONE, ones, solve_once, solved
+from tests.trajopt.ocp.problems import (
+    NONE,
+    ones,
+    passive_wheel,
+    passive_wheel_rate,
+    solve_once,
+    solved,
+)
 from trajopt import Extremal, Linkage, Mesh, Phase, PhaseTrajectory, Problem, nonnegative, solve
 from trajopt.ocp import resimulation
 from trajopt.ocp.accuracy import assess, audit, cost_errors
@@ -352,7 +359,7 @@ def test_costates_are_passed_on_through_a_linkage_by_its_transposed_jacobian() -
 
 
 def test_the_cost_of_the_residual_is_what_the_discretisation_changes() -> None:
-    found = solve_once(textbook.passive_wheel(), mesh=Mesh.uniform(1, 4, 4))
-    error = found.transcribed_cost - textbook.passive_wheel_rate()
+    found = solve_once(passive_wheel(), mesh=Mesh.uniform(1, 4, 4))
+    error = found.transcribed_cost - passive_wheel_rate()
     assert abs(error) > 1e-8
     assert found.certificate.defect_costs.sum() == pytest.approx(error, rel=0.05)

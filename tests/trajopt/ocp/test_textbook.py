@@ -56,6 +56,15 @@ def test_how_far_a_cost_is_from_the_least_is_known_within_a_factor_of_ten(exampl
     require_right_estimate(coarse, example.known())
 
 
+@pytest.mark.parametrize("elements", [20, 40])
+def test_it_is_known_where_a_low_order_misses_a_bounded_integral(elements: int) -> None:
+    problem = textbook.hanging_chain()
+    mesh = Mesh.uniform(problem, elements, scheme="trapezoid")
+    found = solve(problem, mesh=mesh, passes=0)
+    error = abs(found.cost - textbook.hanging_chain_energy())
+    assert error / 10 < found.certificate.suboptimality < 10 * error
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("elements", [5, 7, 13])
 @pytest.mark.parametrize("example", PROBLEMS, ids=lambda e: e.name)
