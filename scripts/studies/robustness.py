@@ -89,9 +89,9 @@ class OwnGait(NamedTuple):
 def robustness(
     *,
     out: Path = Path("runs/robustness"),
-    machines: Count = 16,
-    starts: Count = 4,
-    seconds: Positive = 20.0,
+    machines: Count = 8,
+    starts: Count = 2,
+    seconds: Positive = 28.0,
     candidates: Several = (),
     groups: Several = (),
     workers: MaybeCount = None,
@@ -101,7 +101,7 @@ def robustness(
 
     All parameters within a few percent, single ones, slopes, payload, battery, delay and noise.
     The cost is compared with each machine's own optimum at the speed at which it walks. It takes
-    an hour or two of one core; after Ctrl-C or a kill, the same command continues.
+    about an hour of one core; after Ctrl-C or a kill, the same command continues.
 
     Args:
         out: folder of the study.
