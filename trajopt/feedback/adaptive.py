@@ -51,7 +51,8 @@ from trajopt.identification.fit import identify
 from trajopt.identification.log import Log, LogError
 
 #: After so many fits a machine far from the table's, and one that is to walk at another speed, has
-#: its own gait solved for first; then again, whenever there are twice as many fits.
+#: its own gait solved for first; then again, whenever there are twice as many fits, and after
+#: every fit for as long as no law was found.
 PLANNED = 1, 2
 
 #: Time (s) that a gait takes to solve for and to try, on average, on one core: a law is used so
@@ -244,8 +245,8 @@ class AdaptiveWalks:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
         self.identified = np.zeros(n, dtype=np.int64)
-        self._data = [controller.table.law.data] * n
-        self._approaches = [controller.first] * n  # to the gaits of these laws
+        law = controller.table.law.data
+        self._data, self._approaches = [law] * n, [controller.approach_to(law.orbit)] * n
         self.plans: list[Plan | None] = [None] * n
         self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table

@@ -130,14 +130,14 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
         ("compare --front 0.5 -1", "--front: '-1': must be a number greater than 0"),
         ("evaluate", "name a policy or a feedback law"),
         ("evaluate imitation --gap --no-gap", "exclude each other"),
-        ("evaluate imitation ppo imitation", "imitation: is the same policy as imitation"),
+        ("evaluate imitation evolution imitation", "imitation: is the same policy as imitation"),
         ("evaluate imitation --commands 0.5", "none of these policies is commanded"),
         ("evaluate imitation --speed 0.5", "none is named"),
         ("evaluate --preset PROTOTYPE imitation", "trained on another machine"),
         ("data nobody", "nobody: no such file, and no policy of that name"),
         ("watch --out walk.avi", "ends with .gif or .mp4"),
         ("watch lqr lqr --out walk.gif", "name each only once"),
-        ("watch evolution imitation lqr ppo robust --out walk.gif", "5 names: at most 4"),
+        ("watch evolution imitation lqr front robust --out walk.gif", "5 names: at most 4"),
     ],
 )
 def test_bad_input_is_refused_in_one_line_before_the_work_begins(
