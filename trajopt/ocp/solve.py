@@ -72,7 +72,7 @@ def solve(
     parameters: Array | None = None,
     tolerance: float = 1e-7,
     hamiltonian_tolerance: float = 1e-3,
-    passes: int = 15,
+    passes: int = 20,
     verify: bool = True,
     option_sets: Sequence[dict[str, Any]] = OPTION_SETS,
     transcription: Transcription | None = None,
