@@ -18,7 +18,8 @@ import numpy as np
 from rimless_gym.checks import integer, positive, require_kind
 from trajopt.ocp.accuracy import Candidate
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.constraints import Constraint, InfeasibleBoundsError, Violation, pair
+from trajopt.ocp.certificate import limits_on_grid
+from trajopt.ocp.constraints import Constraint, InfeasibleBoundsError, pair
 from trajopt.ocp.extremal import Attempt, Extremal
 from trajopt.ocp.guesses import straight_lines
 from trajopt.ocp.mesh import Mesh
@@ -323,13 +324,13 @@ def within_limits(
 def _backed_off(candidate: Candidate, tolerance: float, options: Mapping[str, Any]) -> Candidate:
     """The solution with limits moved inwards by what it overshoots, as far as there is room."""
     transcription, problem = candidate.transcription, candidate.transcription.problem
-    margins: dict[tuple[str, str], float] = defaultdict(float)
+    margins: dict[tuple[int, str], float] = defaultdict(float)
     for _ in range(MARGIN_PASSES):
         excess = _overshoots(candidate, tolerance)
         if not excess:
             break
-        for each in excess:
-            margins[each.phase, each.name] += SAFETY * each.amount
+        for limit, amount in excess.items():
+            margins[limit] += SAFETY * amount
         warm = {"mu_init": WARM_BARRIERS[0], **options}
         try:
             tight = tightened(problem, margins)
@@ -343,16 +344,29 @@ def _backed_off(candidate: Candidate, tolerance: float, options: Mapping[str, An
     return candidate
 
 
-def _overshoots(candidate: Candidate, tolerance: float) -> list[Violation]:
-    return [v for v in candidate.limits if tolerance < v.relative < math.inf]
+def _overshoots(candidate: Candidate, tolerance: float) -> dict[tuple[int, str], float]:
+    """How far limits are violated between the nodes, by the index of their phase, and name."""
+    result, problem = candidate.result, candidate.transcription.problem
+    found: dict[tuple[int, str], float] = {}
+    each = zip(problem.phases, result.phases, candidate.scales.phases, strict=True)
+    for i, (phase, trajectory, scales) in enumerate(each):
+        for _, units, outside in limits_on_grid(phase, trajectory, result.parameters, scales):
+            found |= {
+                (i, name): unit * relative
+                for (name, unit), relative in zip(
+                    units.items(), outside.max(axis=(0, 1)).tolist(), strict=True
+                )
+                if tolerance < relative < math.inf
+            }
+    return found
 
 
-def tightened(problem: Problem, margins: Mapping[tuple[str, str], float]) -> Problem:
-    """The problem with limits moved inwards by margins, by the names of their phase and limit."""
+def tightened(problem: Problem, margins: Mapping[tuple[int, str], float]) -> Problem:
+    """The problem with limits moved inwards by margins, by the index of their phase, and name."""
     phases = []
-    for phase in problem.phases:
+    for i, phase in enumerate(problem.phases):
         names = phase.path.names if phase.path else ()
-        of = {name: margins.get((phase.name, name), 0.0) for name in (*phase.bounds, *names)}
+        of = {name: margins.get((i, name), 0.0) for name in (*phase.bounds, *names)}
         bounds = {name: _inwards(*pair(b), of[name]) for name, b in phase.bounds.items()}
         path = phase.path
         if path is not None:

@@ -58,15 +58,16 @@ def test_backing_off_moves_limits_inwards_but_never_past_each_other() -> None:
         np.array([1.0, 2.0, 0.3]),
         ("a", "b", "c"),
     )
-    problem = Problem((move(path=path, bounds={"v": (-FREE, 5.0), "u": (0.0, 1.0)}),))
+    problem = Problem((move(path=path, bounds={"v": (-FREE, 5.0), "u": (0.0, 1.0)}),) * 2)
     margins = {"a": 0.1, "b": 0.2, "c": 0.5, "v": 0.1}
-    (phase,) = tightened(problem, {("move", name): m for name, m in margins.items()}).phases
+    phase, other = tightened(problem, {(0, name): m for name, m in margins.items()}).phases
+    assert other.bounds == problem.phases[1].bounds  # of the same name
     tight = phase.path
     assert tight is not None
     assert phase.bounds == {"v": (-FREE, 4.9), "u": (0.0, 1.0)}
     assert tight.lower == pytest.approx([-0.9, -FREE, 0.3])
     assert tight.upper == pytest.approx([0.9, 1.8, 0.3])
-    pinched = tightened(problem, {("move", "a"): 3.0}).phases[0].path
+    pinched = tightened(problem, {(0, "a"): 3.0}).phases[0].path
     assert pinched is not None
     assert pinched.lower[0] == pinched.upper[0] == 0.0
 
