@@ -94,7 +94,7 @@ def search_gaits(
     """Local optima from known gaits and random motions; their `kind` is the turns of a stride.
 
     No start has turns for which the motor is too weak, and no random one turns whose lower bound
-    exceeds the cost of a gait from a known start.
+    exceeds the cost of the best gait from a known start, whose turns half of the random ones have.
 
     Args:
         params: the machine.
@@ -140,6 +140,9 @@ def search_gaits(
     bound = partial(cot_bound, params, speed=speed, steps=steps, regeneration=regeneration)
     better = [turns for turns in possible if bound(theta_turns=turns) < least]
     rounds = [(k, None) for most in MOST_TURNS for k in better if abs(k) <= most * steps]
+    if known.optima:  # half of the random starts are in the family of the best known gait
+        best = int(known.optima[0].best.kind)
+        rounds = [each for other in rounds for each in ((best, None), other)]
     random = itertools.islice(itertools.cycle(rounds), starts)
     family = dataclasses.replace(family, starts=(*likely, *random))
     return multi_start(problem, family, len(family.starts), earlier=known.outcomes, **settings)
