@@ -173,6 +173,10 @@ def ppo_of_rejax(prior: Prior, settings: Hyperparameters) -> tuple[Any, int]:
     """PPO with these hyperparameters, and its iterations."""
     given, rollout = settings.algorithm, settings.n_envs * settings.algorithm["n_steps"]
     iterations, batches = settings.n_timesteps // rollout, rollout // given["batch_size"]
+    if not iterations:
+        raise ValueError(
+            f"decisions = {settings.n_timesteps}: must be at least {rollout}, a roll-out"
+        )
     updates, rate = iterations * given["n_epochs"] * batches, given["learning_rate"]
     ppo = PPO.create(
         env=prior_env(prior, settings),

@@ -24,7 +24,7 @@ from trajopt.ocp.problem import Problem
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
 ELEMENT_TIME, MOST_ELEMENTS = 0.05, 40
 
-#: IPOPT's iterations for a problem (starts that take more seldom become gaits), and its first
+#: IPOPT's iterations for a problem (starts that take more rarely become gaits), and its first
 #: barrier where a start is a gait of another machine or speed.
 ITERATIONS, KNOWN_BARRIER = 100, 1e-3
 

@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from trajopt.ocp.arrays import Array
+from trajopt.ocp.constraints import beyond
 from trajopt.ocp.equations import path_nodes
 from trajopt.ocp.layout import evaluated, running_cost
 from trajopt.ocp.pontryagin import SLOPE, WEIGHTS, Inside, View, finite, gaps
@@ -251,8 +252,3 @@ def limits_on_grid(
         (kind, dict(zip(names, units.tolist(), strict=True)), excess / units)
         for kind, names, units, excess in limits
     ]
-
-
-def beyond(values: Array, lower: Array, upper: Array) -> Array:
-    """How far values (..., m) are outside bounds (m,); negative inside."""
-    return np.asarray(np.maximum(lower - values, values - upper))

@@ -63,8 +63,12 @@ class Constraint:
 
     def violation(self, values: Array) -> Array:
         """How far `values` (..., m) lie outside the bounds; 0 inside."""
-        outside: Array = np.maximum(self.lower - values, values - self.upper)
-        return np.maximum(outside, 0.0)
+        return np.maximum(beyond(values, self.lower, self.upper), 0.0)
+
+
+def beyond(values: Array, lower: Array, upper: Array) -> Array:
+    """How far values (..., m) are outside bounds (m,); negative inside."""
+    return np.asarray(np.maximum(lower - values, values - upper))
 
 
 @dataclasses.dataclass(frozen=True)

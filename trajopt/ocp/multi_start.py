@@ -33,7 +33,7 @@ from trajopt.pool import progress_bar, run
 #: The mesh that starts share if no other is given: elements per phase and their degree.
 ELEMENTS, DEGREE = 14, 4
 
-#: Options over `trajopt.ocp.transcription.IPOPT`: a start that takes longer seldom leads anywhere.
+#: Options over `trajopt.ocp.transcription.IPOPT`: a start that takes longer rarely leads anywhere.
 OPTIONS = {"max_iter": 300}
 
 #: Most optima in a report.

@@ -141,14 +141,14 @@ def test_random_starts_are_the_same_in_other_processes():
 
 
 @pytest.mark.slow
-def test_no_random_start_has_turns_that_cannot_beat_a_known_gait():
-    search = search_gaits(BUILDABLE, 0.6, 1, starts=6, shipped=1)
+def test_random_starts_have_turns_that_can_beat_the_best_known_gait_and_half_have_its_own():
+    search = search_gaits(BUILDABLE, 0.5, 1, starts=8, shipped=1)
     known = [o for o in search.outcomes if search.family.starts[o.index][1] is not None]
     least = min(o.cost for o in known if not o.failure) / search.unit[1]
-    tried = {int(o.kind) for o in search.outcomes[len(known) :]}
-    assert -1 in tried
-    for turns in tried:
-        assert cot_bound(BUILDABLE, speed=0.6, steps=1, theta_turns=turns) < least
+    random = [int(o.kind) for o in search.outcomes[len(known) :]]
+    assert 2 * random.count(-1) >= len(random)  # the best known gait turns once backwards
+    for turns in set(random):
+        assert cot_bound(BUILDABLE, speed=0.5, steps=1, theta_turns=turns) < least
 
 
 def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
