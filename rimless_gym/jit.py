@@ -3,8 +3,9 @@
 Functions that only compiled code calls stay plain Python functions, so Python can call them too.
 numba compiles them where compiled code calls them, once per combination of argument types. It omits
 the wrappers for calls from Python, which take a third of the compile time, and machine code of
-their own, which takes a seventh: callers are linked with their LLVM code. Functions for callers in
-Python are `cached`: the machine code is stored on disk and loaded by later processes.
+their own, which takes a seventh: callers are linked with their LLVM code. Here it also finds the
+types of an operation once. Functions for callers in Python are `cached`: the machine code is stored
+on disk and loaded by later processes.
 
 numba's own cache does not notice changes of the functions that are compiled in, so here its files
 are named after all sources.
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import hashlib
 import os
 import pickle
@@ -30,7 +32,10 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import InlineOverloads, NopythonRewrites
+from numba.core.typing.context import Context
 from numba.core.typing.templates import infer_global
+from numba.core.untyped_passes import DeadBranchPrune, InlineClosureLikes, WithLifting
 
 if config.DISABLE_JIT:
     raise ValueError("NUMBA_DISABLE_JIT is set: the simulator runs only compiled; unset it")
@@ -42,6 +47,43 @@ F = TypeVar("F", bound=Callable[..., Any])
 SIMULATOR = "the simulator (about 12 s)"
 ENVIRONMENT = "the environments (about 3 s)"
 REFERENCE = "the reference simulator (about 1 s)"
+
+
+#: New objects between two garbage collections while numba compiles, which leaves hardly any.
+GARBAGE = 20_000
+
+#: Passes for what loops over the lanes of a tile do not have: closures, array expressions, objects.
+_UNUSED = {DeadBranchPrune, InlineClosureLikes, InlineOverloads, NopythonRewrites, WithLifting}
+
+
+class _Types(Context):
+    """numba's types of calls, each found once: it tries a dozen signatures for every product."""
+
+    found: dict[Any, Any]
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        """The signature of a call; of one by name, such as "static_getitem", found every time."""
+        if kws or isinstance(func, str):
+            return super().resolve_function_type(func, args, kws)
+        call = func, tuple(args)
+        if call not in self.found:
+            self.found[call] = super().resolve_function_type(func, args, kws)
+        return self.found[call]
+
+
+@functools.cache
+def _remembering(typing: Context) -> _Types:
+    types = object.__new__(_Types)
+    types.__dict__ = typing.__dict__
+    types.found = {}
+    return types
+
+
+class _Remembering(Compiler):
+    """numba's compiler, with `_Types`."""
+
+    def __init__(self, typing: Context, *arguments: Any) -> None:
+        super().__init__(_remembering(typing), *arguments)
 
 
 class _LinkedCode(JITCodeLibrary):
@@ -65,7 +107,7 @@ class _LinkedCode(JITCodeLibrary):
         self._finalized = True
 
 
-class _Linked(Compiler):
+class _Linked(_Remembering):
     """Compiles to `_LinkedCode`."""
 
     def __init__(self, typing: Any, target: Any, library: Any, *arguments: Any) -> None:
@@ -73,9 +115,19 @@ class _Linked(Compiler):
         super().__init__(typing, target, library, *arguments)
 
 
-def _called_from_compiled_code(**options: Any) -> Callable[[F], F]:
+class _OfLanes(_Linked):
+    """Compiles loops over the lanes of a tile."""
+
+    def define_pipelines(self) -> list[Any]:
+        """numba's passes without `_UNUSED`."""
+        (pipeline,) = super().define_pipelines()
+        pipeline.passes = [one for one in pipeline.passes if one[0] not in _UNUSED]
+        return [pipeline]
+
+
+def _called_from_compiled_code(compiler: type[_Linked], **options: Any) -> Callable[[F], F]:
     wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    compiled = njit(error_model="numpy", pipeline_class=_Linked, **wrappers, **options)
+    compiled = njit(error_model="numpy", pipeline_class=compiler, **wrappers, **options)
 
     def decorate(function: F) -> F:
         function.dispatcher = compiled(function)  # type: ignore[attr-defined]  # kept alive
@@ -86,13 +138,14 @@ def _called_from_compiled_code(**options: Any) -> Callable[[F], F]:
 
 
 #: Compiled as it stands.
-inner = _called_from_compiled_code()
+inner = _called_from_compiled_code(_Linked)
 
-#: The same, but products and sums may be fused: for loops over the lanes of a tile.
-vectorised = _called_from_compiled_code(fastmath={"contract"})
+#: The same, but products and sums may be fused: for loops over the lanes of a tile. They allocate
+#: no arrays, so that references to them need not be counted.
+vectorised = _called_from_compiled_code(_OfLanes, fastmath={"contract"}, _nrt=False)
 
 #: Like `vectorised`, and always inlined: a loop that contains a call does not vectorise.
-inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
+inlined = _called_from_compiled_code(_OfLanes, fastmath={"contract"}, _nrt=False, forceinline=True)
 
 
 def written(source: str, **names: Any) -> Callable[..., Any]:
@@ -117,7 +170,8 @@ def cached(part: str | None = None, *, nogil: bool = False) -> Callable[[F], Any
 
     def decorate(function: F) -> CachedFunction:
         options = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-        dispatcher = CachedFunction(function, targetoptions=options | {"nogil": nogil})
+        options["nogil"] = nogil
+        dispatcher = CachedFunction(function, {}, options, _Remembering)
         dispatcher.part = part
         return dispatcher
 
@@ -142,6 +196,8 @@ class CachedFunction(CPUDispatcher):
                 except RuntimeError:  # numba cannot write to any of its folders
                     _warn_once("every process compiles the simulator again: no folder is writable")
             self._cache.turn = turn
+            turn.callback(gc.set_threshold, *gc.get_threshold())
+            gc.set_threshold(GARBAGE)
             return super().compile(signature)
 
 

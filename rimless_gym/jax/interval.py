@@ -180,9 +180,10 @@ def compiler_options() -> dict[str, str]:
 
 def _require_memory(rows: int, size: int) -> None:
     """Refuse rows of numbers of so many bytes that cannot fit, before they take all memory."""
-    found = [device.memory_stats() for device in jax.local_devices()]
-    if all(found):
-        room = sum(each["bytes_limit"] for each in found)
+    with jax.ensure_compile_time_eval():
+        (device,) = jnp.zeros(()).devices()  # the default one: what is traced has none yet
+    if found := device.memory_stats():
+        room = found["bytes_limit"]
     elif hasattr(os, "sysconf"):
         room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     else:
