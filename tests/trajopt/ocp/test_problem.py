@@ -58,6 +58,10 @@ def test_phases_that_make_no_sense_are_refused(changes: Any, error: type, messag
         fall(**changes)
 
 
+def test_an_end_may_lie_outside_the_bounds_by_rounding() -> None:
+    fall(start={"y": -1e-17}, bounds={"y": (0.0, math.inf)})
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
