@@ -20,11 +20,9 @@ interval in which the ground would have to pull has a penalty, and no end.
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import cfunc, types
 
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -34,7 +32,8 @@ from rimless_gym.kernel.stepping import (
     MODE,
     SCRATCH_SIZE,
     STATE_SIZE,
-    advance_batch,
+    advance_batch_at,
+    kernel_address,
     machine_arrays,
 )
 from trajopt.feedback.controller import CONTACT_MARGIN
@@ -93,8 +92,7 @@ class Lookahead(NamedTuple):
         normal: least normal force (N) without a penalty.
         friction: largest friction demand without a penalty.
         lifting: residual per newton.
-        advance: (states (STATE_SIZE, n), volts (n,), constants, poles, out, work) advances
-            hybrid states by a control interval, the foot held like a pin.
+        kernel: address of the stepping kernel, which only this process knows.
         constants: of the stepping kernel, shape (N_CONSTANTS, 1).
         poles: of the stepping kernel, shape (1,).
         horizon: control intervals.
@@ -109,10 +107,14 @@ class Lookahead(NamedTuple):
     normal: float
     friction: float
     lifting: float
-    advance: Any
+    kernel: int
     constants: Floats
     poles: Floats
     horizon: int
+
+    def __reduce__(self) -> Any:
+        """Refuse to leave this process."""
+        raise TypeError("a receding-horizon law stays in its process: design it where it acts")
 
 
 def design(solution: Solution) -> Law:
@@ -136,27 +138,12 @@ def design(solution: Solution) -> Law:
             GRIP * params.friction, gait.max_friction_demand, gait.max_impulse_friction_demand
         ),
         lifting=LIFTING / params.weight,
-        advance=_advance(),
+        kernel=kernel_address(),
         constants=constants,
         poles=poles,
         horizon=HORIZON,
     )
     return Law(params, volts, data, smooth=False)
-
-
-@functools.cache
-def _advance() -> Any:
-    """Called by its address: every function that contained the kernel would compile it again."""
-    row, table = types.float64[::1], types.float64[:, ::1]
-
-    @cfunc(types.void(table, row, table, row, table, row))
-    def advance(states, volts, constants, poles, out, work):  # type: ignore[no-untyped-def]
-        advance_batch(
-            *(constants, poles, states, volts, 0, states.shape[1]),
-            *(CONTROL_PERIOD, np.inf, out, work),
-        )
-
-    return advance
 
 
 class Motion(NamedTuple):
@@ -386,7 +373,7 @@ def move_on(motion, k, data, out, work):  # type: ignore[no-untyped-def]
     for lane in range(LANES):
         volts[lane] = limited(motion.nominal[k, lane] + motion.shifts[k, lane], data)
         motion.shifts[k, lane] = volts[lane] - motion.nominal[k, lane]
-    data.advance(following, volts, data.constants, data.poles, out, work)
+    advanced(following, volts, data, out, work)
     for lane in range(LANES):
         cost = 0.5 * lqr.GENTLE * motion.shifts[k, lane] ** 2
         for which in range(RESIDUALS):
@@ -397,6 +384,18 @@ def move_on(motion, k, data, out, work):  # type: ignore[no-untyped-def]
         motion.nominal[k + 1, lane] = between(data.orbit.voltages, spot)
         cost += halved_square(between(data.final if last else data.stage, spot), y)
         motion.costs[lane] += cost if out[ROW.failure, lane] == 0.0 else np.inf
+
+
+@inner
+def advanced(states, volts, data, out, work):  # type: ignore[no-untyped-def]
+    """Advance states (STATE_SIZE, n) by a control interval, the foot held like a pin."""
+    advance_batch_at(
+        data.kernel,
+        (
+            *(data.constants, data.poles, states, volts, np.int64(0), states.shape[1]),
+            *(CONTROL_PERIOD, np.inf, out, work),
+        ),
+    )
 
 
 @inner
@@ -416,7 +415,7 @@ def slopes_of(states, nominal, shifts, data):  # type: ignore[no-untyped-def]
             else:
                 volts[i] += step
     out, work = np.empty((len(ROW), each * n)), np.zeros(SCRATCH_SIZE)
-    data.advance(columns, volts, data.constants, data.poles, out, work)
+    advanced(columns, volts, data, out, work)
     slopes = Slopes(np.empty((n, 4, 5)), np.empty((n, RESIDUALS, 5)))
     for k in range(n):
         for j in range(5):
