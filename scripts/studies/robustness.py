@@ -34,16 +34,15 @@ MARKS = markdown.marks("robustness", ("machines",))
 #: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
 TICKS = (46, 42)
 
-#: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR from
-#: which the adaptive controller starts.
+#: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
+#: the gains from which the adaptive controller starts, and without a clock.
 CANDIDATES: dict[str, int | None] = {
-    "lqr 46": 46,
-    "gentle 46": 46,
-    "adaptive 46": 46,
-    "lqr 42": 42,
-    "adaptive 42": 42,
-    "imitation": None,
-    "robust": None,
+    **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
+    **{
+        f"{law} 46": 46
+        for law in ("adaptive", "lqr", "gentle", "input_output", "pid", "sliding_mode")
+    },
+    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
 }
 
 #: Within which shares all parameters are drawn.
@@ -208,7 +207,7 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    held = law_about(gait) if law == "gentle" else law
+    held = law_about(gait, ahead=None) if law == "gentle" else law
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 

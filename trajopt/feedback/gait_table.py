@@ -170,9 +170,9 @@ def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | Non
     return None
 
 
-def law_about(gait: Solution, blend: float = BLEND) -> Law:
-    """The LQR about a gait, as the table has it."""
-    law = lqr.design(gait, GENTLE)
+def law_about(gait: Solution, blend: float = BLEND, ahead: float | None = lqr.AHEAD) -> Law:
+    """The LQR about a gait, as the table has it; without a clock if `ahead` is None."""
+    law = lqr.design(gait, GENTLE, ahead)
     return dataclasses.replace(law, data=law.data._replace(blend=blend))
 
 
