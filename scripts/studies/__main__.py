@@ -21,7 +21,6 @@ STUDIES = {
     "figures": "documents.figures",
     "front": "fronts.command",
     "learning": "learning.command",
-    "mutants": "mutants",
     "own_wheel": "own_wheel",
     "processors": "processors",
     "publish": "publish",

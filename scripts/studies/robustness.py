@@ -34,16 +34,15 @@ MARKS = markdown.marks("robustness", ("machines",))
 #: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
 TICKS = (46, 42)
 
-#: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR from
-#: which the adaptive controller starts.
+#: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
+#: the gains from which the adaptive controller starts, and without a clock.
 CANDIDATES: dict[str, int | None] = {
-    "lqr 46": 46,
-    "gentle 46": 46,
-    "adaptive 46": 46,
-    "lqr 42": 42,
-    "adaptive 42": 42,
-    "imitation": None,
-    "robust": None,
+    **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
+    **{
+        f"{law} 46": 46
+        for law in ("adaptive", "lqr", "gentle", "input_output", "pid", "sliding_mode")
+    },
+    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
 }
 
 #: Within which shares all parameters are drawn.
@@ -65,6 +64,7 @@ class Variation(NamedTuple):
 
     machines: tuple[WheelParams, ...]
     disturbances: str | None = None  # in `DISTURBANCES`
+    times: int = 1  # as many starts as usual
 
 
 class Walk(NamedTuple):
@@ -106,7 +106,7 @@ def robustness(
     Args:
         out: folder of the study.
         machines: how many are drawn for each level.
-        starts: of each machine.
+        starts: of each machine; four times as many on a slope.
         seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
@@ -116,7 +116,7 @@ def robustness(
     changes, names = cases(machines), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
     walks = [
-        Walk(candidate, machine, case.disturbances, starts, seconds, out)
+        Walk(candidate, machine, case.disturbances, starts * case.times, seconds, out)
         for case in every.values()
         for candidate in names
         for machine in case.machines
@@ -159,7 +159,9 @@ def cases(count: int) -> dict[str, dict[str, Variation]]:
         for name in ("pendulum_length", "pendulum_mass", "leg_length")
     }
     slopes = {
-        f"slope of {degrees:+g}°": Variation((BUILDABLE.replace(slope=math.radians(degrees)),))
+        f"slope of {degrees:+g}°": Variation(
+            (BUILDABLE.replace(slope=math.radians(degrees)),), times=4
+        )
         for degrees in (-2, -1, -0.5, 0.5, 1, 2)
     }
     heavier = BUILDABLE.wheel_mass + 0.05 * BUILDABLE.total_mass
@@ -208,7 +210,7 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    held = law_about(gait) if law == "gentle" else law
+    held = law_about(gait, ahead=None) if law == "gentle" else law
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 

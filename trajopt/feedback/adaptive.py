@@ -16,6 +16,7 @@ The fitted model has the structure of the simulator's; what it lacks is in docs/
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,9 +26,8 @@ from numpy.typing import NDArray
 
 from rimless_gym.checks import require_kind
 from rimless_gym.energy import ROW
-from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import cached
 from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
@@ -41,9 +41,9 @@ from trajopt.feedback.gait_table import (
     law_about,
     own_gait,
 )
-from trajopt.feedback.law import Floats
+from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Orbit, has_clock, located, squared_distances
+from trajopt.feedback.orbit import Orbit, has_clock, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
@@ -59,6 +59,14 @@ PLANNED = 1, 2
 #: much later for every gait that was tried.
 SOLVING = 2.0
 
+#: A shorter step costs at most so many times as much as the longer one: beyond its own speed of
+#: least cost, a machine's gait changes its kind within a control period.
+COSTLY = 1.1
+
+#: From which share of the distance between two gaits a law takes over on a slope beyond the table,
+#: where the start-up controller has walked by itself: from farther away, it fails at +2 degrees.
+STEEP = 1 / 6
+
 #: How many walks try the law about such a gait in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
 
@@ -72,6 +80,7 @@ LANDING = 0.75
 #: is known to the next one, which takes it to be less sure: its covariance so many times larger.
 FIRST, EVERY, FORGETTING = 2.0, 4.0, 1.2
 _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
+_HALF = CONTROL_PERIOD / 2
 
 
 class Plan(NamedTuple):
@@ -80,17 +89,12 @@ class Plan(NamedTuple):
     Attributes:
         tick: from which on it is used.
         fits: how many there had been.
+        law: None if none was found, which takes its time, too.
     """
 
     tick: int
     fits: int
-    law: Floats
-
-
-@cached()
-def _voltage(x, mode, data):  # type: ignore[no-untyped-def]
-    """The voltage of a law for a state (4,), and the squared distance from its orbit."""
-    return lqr.volts(x, mode, data), located(x, data.orbit).squared
+    law: Floats | None
 
 
 class Approach(NamedTuple):
@@ -113,11 +117,14 @@ class Approach(NamedTuple):
         near = near_for(law)
         return cls(gait, startup_for(law, near, lost_return(gait), folder), near)
 
-    def around(self, orbit: Orbit) -> Approach:
-        """The approach to another orbit, whose law acts from as much farther away as that is."""
+    def around(self, orbit: Orbit, share: float) -> Approach:
+        """The approach to another orbit, whose law acts from farther away.
+
+        By this share of the largest distance between the two.
+        """
         states = self.gait.state(self.gait.duration * (np.arange(COMPARED) + 0.5) / COMPARED)
-        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).mean()
-        return self._replace(near=self.near + float(apart))
+        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).max()
+        return self._replace(near=self.near + share * float(apart))
 
 
 def sturdy(gait: Solution) -> Solution:
@@ -173,42 +180,51 @@ class AdaptiveController:
         """Of the contact guard, which must not act on either gait."""
         return min(margin_for(each.gait) for each in (self.first, self.wanted) if each)
 
-    def approach_to(self, orbit: Orbit) -> Approach:
-        """The approach to the gait of some machine: that whose own gait is nearer."""
-        ways = [each.around(orbit) for each in (self.first, self.wanted) if each]
-        return min(ways, key=lambda each: each.near)
+    def guarded(self, law: Law) -> ContactGuard:
+        """A law with what leads to its gait: the approach to whichever of the two is nearer."""
+        share = 1.0 if self.table.has(law.params.slope) else STEEP
+        ways = [each.around(law.data.orbit, share) for each in (self.first, self.wanted) if each]
+        approach = min(ways, key=lambda each: each.near)
+        startup = dataclasses.replace(approach.startup, params=law.params)
+        switching = SwitchingController(law, startup, approach.near)
+        return ContactGuard(law.params, switching, self.margin)
 
     def efficient_law(self, params: WheelParams) -> tuple[Floats | None, int]:
         """The law about a machine's own gait, flat, and how many gaits were tried.
 
-        A step of it lasts as long as one of the wanted gait or, if there is no such gait or the law
-        does not hold it, as little longer as is found: from the machine's own version of the gait
-        that is walked first, steps are made shorter. A law holds a gait if simulated walks come to
-        it from the first gait, and stay on it. None if none is held.
+        A step of it lasts as long as one of the wanted gait or, if there is no such gait, its cost
+        is beyond `COSTLY` or the law does not hold it, as little longer as is found: from the
+        machine's own version of the gait that is walked first, steps are made shorter. A law holds
+        a gait if simulated walks come to it from the first gait, and stay on it. None if none is
+        held.
         """
-        first, wanted = self.first.gait, (self.wanted or self.first).gait
-        law = self._held_law(own_gait(dataclasses.replace(wanted, params=params), params, 0))
-        tried, gait = 1, own_gait(first, params, 0) if law is None else None
-        while gait is not None and gait.duration > wanted.duration - CONTROL_PERIOD / 2:
-            tried += 1
-            shorter = self._held_law(gait)
+        gait = own_gait(self.first.gait, params, 0)
+        if self.wanted is None:
+            return self._held_law(gait), 1
+        wanted = self.wanted.gait
+        limit = math.inf if gait is None else COSTLY * gait.cot
+        law = self._held_law(own_gait(dataclasses.replace(wanted, params=params), params, 0), limit)
+        tried, found = 2, law is not None
+        while not found and gait is not None and gait.duration > wanted.duration - _HALF:
+            shorter = self._held_law(gait, limit)
             if shorter is None:
                 break
-            law, gait = shorter, own_gait(gait, params, -1)
+            law, limit = shorter, COSTLY * gait.cot
+            gait, tried = own_gait(gait, params, -1), tried + 1
         return law, tried
 
-    def _held_law(self, gait: Solution | None) -> Floats | None:
-        """The law about a gait, flat, if simulated walks come to it and stay on it."""
-        if gait is None or not gait.verification.passed:
+    def _held_law(self, gait: Solution | None, limit: float = math.inf) -> Floats | None:
+        """The law about a gait of at most this cost, flat, if simulated walks come to it and stay.
+
+        None otherwise.
+        """
+        if gait is None or not gait.verification.passed or gait.cot > limit:
             return None
         try:
             law = law_about(gait, IDENTIFIED_BLEND)
         except RuntimeError:
             return None
-        first, approach = self.first.gait, self.approach_to(law.data.orbit)
-        startup = dataclasses.replace(approach.startup, params=gait.params)
-        switching = SwitchingController(law, startup, approach.near)
-        guarded = ContactGuard(gait.params, switching, self.margin)
+        first, guarded = self.first.gait, self.guarded(law)
         times = first.duration * (np.arange(TRIALS) + 0.5) / TRIALS
         states = hybrid_states(first.state(times), SINGLE)
         ticks = round(TRIAL / CONTROL_PERIOD)
@@ -245,8 +261,7 @@ class AdaptiveWalks:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
         self.identified = np.zeros(n, dtype=np.int64)
-        law = controller.table.law.data
-        self._data, self._approaches = [law] * n, [controller.approach_to(law.orbit)] * n
+        self._guarded = [controller.guarded(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
         self._next: list[Plan | None] = [None] * n
         # of what is known of each machine; NaN of one that is as in the table
@@ -264,12 +279,14 @@ class AdaptiveWalks:
         for row in rows.tolist():
             plan = self._next[row]
             if plan is not None and plan.tick <= self.tick:
-                self.plans[row], self._next[row] = plan, None
-                self._choose(row)
+                self._next[row] = None
+                if plan.law is not None:
+                    self.plans[row] = plan
+                    self._choose(row)
             if due:
                 self._identify(row)
         volts = np.array(
-            [self._volts(row, states[i], modes[i]) for i, row in enumerate(rows.tolist())]
+            [self._guarded[row](states[i], modes[i]) for i, row in enumerate(rows.tolist())]
         )
         errors = self.controller.encoders * np.array(
             [self._rng[row].standard_normal(2) for row in rows]
@@ -300,8 +317,7 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self.plans, self._next = (
-            [p and Plan(p[0], p[1], np.array(p[2])) for p in state[name]]
-            for name in ("plans", "next")
+            [p and Plan(*p) for p in state[name]] for name in ("plans", "next")
         )
         for row in range(len(self.machines)):
             self._choose(row)
@@ -309,21 +325,18 @@ class AdaptiveWalks:
             each.bit_generator.state = known
 
     def _choose(self, row: int) -> None:
-        """The law in use, the table's or the plan's, and the approach to its gait."""
-        table, plan = self.controller.table, self.plans[row]
-        law = table.at(self.machines[row]) if plan is None else plan.law
-        blend = table.law.data.blend if plan is None else IDENTIFIED_BLEND
-        self._data[row] = gains_of(law, table.law.data)._replace(blend=blend)
-        self._approaches[row] = self.controller.approach_to(self._data[row].orbit)
-
-    def _volts(self, row: int, x: Floats, mode: int) -> float:
-        """A walk's voltage: the law's near its gait, elsewhere the start-up controller's."""
-        machine, approach = self.machines[row], self._approaches[row]
-        volts, squared = _voltage(x, mode, self._data[row])
-        if mode == DOUBLE or squared > approach.near**2:
-            volts = dataclasses.replace(approach.startup, params=machine)(x, mode)
-        guard = ContactGuard(machine, lambda x, mode: np.array([volts]), self.controller.margin)
-        return float(guard(x, mode))
+        """The law in use: the plan's, or else the table's if it has the slope."""
+        controller, plan, machine = self.controller, self.plans[row], self.machines[row]
+        table, shared = controller.table, controller.table.law.data
+        if plan is not None and plan.law is not None:
+            data = gains_of(plan.law, shared)._replace(blend=IDENTIFIED_BLEND)
+        elif table.has(machine.slope):
+            data = gains_of(table.at(machine), shared)
+        else:
+            startup = dataclasses.replace(controller.first.startup, params=machine)
+            self._guarded[row] = ContactGuard(machine, startup, controller.margin)
+            return
+        self._guarded[row] = controller.guarded(Law(machine, lqr.volts, data))
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
@@ -355,6 +368,5 @@ class AdaptiveWalks:
         far = np.linalg.norm(controller.table.steps(params)) > FAR
         if (other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits):
             law, tried = controller.efficient_law(params)
-            if law is not None:
-                later = round(SOLVING * tried / CONTROL_PERIOD)
-                self._next[row] = Plan(self.tick + later, fits, law)
+            later = round(SOLVING * tried / CONTROL_PERIOD)
+            self._next[row] = Plan(self.tick + later, fits, law)

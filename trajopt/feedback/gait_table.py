@@ -102,6 +102,10 @@ class GaitTable:
         changes = [getattr(params, name) - getattr(self.params, name) for name in self.names]
         return np.array(changes) / _steps(self.params, self.names)
 
+    def has(self, slope: float) -> bool:
+        """Whether the table reaches a slope (rad)."""
+        return abs(slope - self.params.slope) <= FAR * SLOPE_SPREAD
+
     def at(self, params: WheelParams) -> Floats:
         """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""
         d = np.clip(self.steps(params), -FAR, FAR)[:, None]
@@ -170,9 +174,9 @@ def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | Non
     return None
 
 
-def law_about(gait: Solution, blend: float = BLEND) -> Law:
-    """The LQR about a gait, as the table has it."""
-    law = lqr.design(gait, GENTLE)
+def law_about(gait: Solution, blend: float = BLEND, ahead: float | None = lqr.AHEAD) -> Law:
+    """The LQR about a gait, as the table has it; without a clock if `ahead` is None."""
+    law = lqr.design(gait, GENTLE, ahead)
     return dataclasses.replace(law, data=law.data._replace(blend=blend))
 
 

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
+from numba import njit
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
@@ -56,11 +59,16 @@ def test_it_is_a_function_of_the_state_within_the_voltage_limit(law, linear, one
     assert np.abs(together).max() <= P.voltage_limit
 
 
+@njit
+def iterated(x, data):
+    start = receding_horizon.started(x, SINGLE, data)
+    return start, receding_horizon.improved(start, 0, data)
+
+
 def test_an_iteration_keeps_all_its_shifts_within_the_voltage_limit(law, one_step):
     short = law.data._replace(horizon=4)
     for x in disturbed(one_step, law, 1.0, 3):
-        start = receding_horizon.started(x, SINGLE, short)
-        for motion in (start, receding_horizon.improved(start, 0, short)):
+        for motion in iterated(x, short):
             voltages = motion.nominal[:-1] + motion.shifts
             assert np.abs(voltages).max() <= P.voltage_limit * (1 + 1e-12)
 
@@ -68,3 +76,8 @@ def test_an_iteration_keeps_all_its_shifts_within_the_voltage_limit(law, one_ste
 def test_it_holds_more_disturbed_wheels_than_the_lqr(law, linear, one_step):
     x = disturbed(one_step, law, 0.6, 24)
     assert lasting(law, x, 1.0) > lasting(linear, x, 1.0)
+
+
+def test_it_does_not_leave_the_process_in_which_its_kernel_is(law):
+    with pytest.raises(TypeError, match="design it where it acts"):
+        pickle.dumps(law.data)

@@ -20,11 +20,9 @@ interval in which the ground would have to pull has a penalty, and no end.
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import cfunc, types
 
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -34,7 +32,8 @@ from rimless_gym.kernel.stepping import (
     MODE,
     SCRATCH_SIZE,
     STATE_SIZE,
-    advance_batch,
+    advance_batch_at,
+    kernel_address,
     machine_arrays,
 )
 from trajopt.feedback.controller import CONTACT_MARGIN
@@ -81,38 +80,26 @@ class Lookahead(NamedTuple):
     """What the law needs.
 
     What a motion near a gait costs is in squared standard deviations of the gait's motion.
-
-    Attributes:
-        orbit: the gait's.
-        gains: the LQR's.
-        stage: weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4).
-        final: the same for all the time after the horizon, shape (n, 4, 4).
-        tangent: rates of the state along the orbit, shape (n, 4).
-        voltage_slope: derivatives of the gait's voltage at the nearest point by the state, shape
-            (n, 4).
-        normal: least normal force (N) without a penalty.
-        friction: largest friction demand without a penalty.
-        lifting: residual per newton.
-        advance: (states (STATE_SIZE, n), volts (n,), constants, poles, out, work) advances
-            hybrid states by a control interval, the foot held like a pin.
-        constants: of the stepping kernel, shape (N_CONSTANTS, 1).
-        poles: of the stepping kernel, shape (1,).
-        horizon: control intervals.
     """
 
-    orbit: Orbit
-    gains: lqr.LqrGains
-    stage: Floats
-    final: Floats
-    tangent: Floats
+    orbit: Orbit  # the gait's
+    gains: lqr.LqrGains  # the LQR's
+    stage: Floats  # weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4)
+    final: Floats  # the same for all the time after the horizon, shape (n, 4, 4)
+    tangent: Floats  # rates of the state along the orbit, shape (n, 4)
+    # derivatives of the gait's voltage at the nearest point by the state, shape (n, 4)
     voltage_slope: Floats
-    normal: float
-    friction: float
-    lifting: float
-    advance: Any
-    constants: Floats
-    poles: Floats
-    horizon: int
+    normal: float  # least normal force (N) without a penalty
+    friction: float  # largest friction demand without a penalty
+    lifting: float  # residual per newton
+    kernel: int  # address of the stepping kernel, which only this process knows
+    constants: Floats  # of the stepping kernel, shape (N_CONSTANTS, 1)
+    poles: Floats  # of the stepping kernel, shape (1,)
+    horizon: int  # control intervals
+
+    def __reduce__(self) -> Any:
+        """Refuse to leave this process."""
+        raise TypeError("a receding-horizon law stays in its process: design it where it acts")
 
 
 def design(solution: Solution) -> Law:
@@ -136,7 +123,7 @@ def design(solution: Solution) -> Law:
             GRIP * params.friction, gait.max_friction_demand, gait.max_impulse_friction_demand
         ),
         lifting=LIFTING / params.weight,
-        advance=_advance(),
+        kernel=kernel_address(),
         constants=constants,
         poles=poles,
         horizon=HORIZON,
@@ -144,61 +131,28 @@ def design(solution: Solution) -> Law:
     return Law(params, volts, data, smooth=False)
 
 
-@functools.cache
-def _advance() -> Any:
-    """Called by its address: every function that contained the kernel would compile it again."""
-    row, table = types.float64[::1], types.float64[:, ::1]
-
-    @cfunc(types.void(table, row, table, row, table, row))
-    def advance(states, volts, constants, poles, out, work):  # type: ignore[no-untyped-def]
-        advance_batch(
-            *(constants, poles, states, volts, 0, states.shape[1]),
-            *(CONTROL_PERIOD, np.inf, out, work),
-        )
-
-    return advance
-
-
 class Motion(NamedTuple):
-    """Motions over a horizon of N intervals, `LANES` side by side.
+    """Motions over a horizon of N intervals, `LANES` side by side."""
 
-    Attributes:
-        states: shape (N + 1, STATE_SIZE, LANES).
-        nominal: the gait's voltages at the nearest points (V), shape (N + 1, LANES).
-        shifts: what is added to them (V), shape (N, LANES).
-        residuals: of the intervals, shape (N, RESIDUALS, LANES).
-        costs: shape (LANES,); infinite where the simulator stops.
-    """
-
-    states: Any
-    nominal: Any
-    shifts: Any
-    residuals: Any
-    costs: Any
+    states: Any  # shape (N + 1, STATE_SIZE, LANES)
+    nominal: Any  # the gait's voltages at the nearest points (V), shape (N + 1, LANES)
+    shifts: Any  # what is added to them (V), shape (N, LANES)
+    residuals: Any  # of the intervals, shape (N, RESIDUALS, LANES)
+    costs: Any  # shape (LANES,); infinite where the simulator stops
 
 
 class Slopes(NamedTuple):
-    """Derivatives by the state and the shift (the last column) along a motion.
+    """Derivatives by the state and the shift (the last column) along a motion."""
 
-    Attributes:
-        states: of the next state, shape (N, 4, 5).
-        residuals: shape (N, RESIDUALS, 5).
-    """
-
-    states: Any
-    residuals: Any
+    states: Any  # of the next state, shape (N, 4, 5)
+    residuals: Any  # shape (N, RESIDUALS, 5)
 
 
 class Change(NamedTuple):
-    """A change of the shifts over N intervals.
+    """A change of the shifts over N intervals."""
 
-    Attributes:
-        changes: (V), shape (N,).
-        gains: volts per deviation from the motion so far, shape (N, 4).
-    """
-
-    changes: Any
-    gains: Any
+    changes: Any  # (V), shape (N,)
+    gains: Any  # volts per deviation from the motion so far, shape (N, 4)
 
 
 @inner
@@ -386,7 +340,7 @@ def move_on(motion, k, data, out, work):  # type: ignore[no-untyped-def]
     for lane in range(LANES):
         volts[lane] = limited(motion.nominal[k, lane] + motion.shifts[k, lane], data)
         motion.shifts[k, lane] = volts[lane] - motion.nominal[k, lane]
-    data.advance(following, volts, data.constants, data.poles, out, work)
+    advanced(following, volts, data, out, work)
     for lane in range(LANES):
         cost = 0.5 * lqr.GENTLE * motion.shifts[k, lane] ** 2
         for which in range(RESIDUALS):
@@ -397,6 +351,18 @@ def move_on(motion, k, data, out, work):  # type: ignore[no-untyped-def]
         motion.nominal[k + 1, lane] = between(data.orbit.voltages, spot)
         cost += halved_square(between(data.final if last else data.stage, spot), y)
         motion.costs[lane] += cost if out[ROW.failure, lane] == 0.0 else np.inf
+
+
+@inner
+def advanced(states, volts, data, out, work):  # type: ignore[no-untyped-def]
+    """Advance states (STATE_SIZE, n) by a control interval, the foot held like a pin."""
+    advance_batch_at(
+        data.kernel,
+        (
+            *(data.constants, data.poles, states, volts, np.int64(0), states.shape[1]),
+            *(CONTROL_PERIOD, np.inf, out, work),
+        ),
+    )
 
 
 @inner
@@ -416,7 +382,7 @@ def slopes_of(states, nominal, shifts, data):  # type: ignore[no-untyped-def]
             else:
                 volts[i] += step
     out, work = np.empty((len(ROW), each * n)), np.zeros(SCRATCH_SIZE)
-    data.advance(columns, volts, data.constants, data.poles, out, work)
+    advanced(columns, volts, data, out, work)
     slopes = Slopes(np.empty((n, 4, 5)), np.empty((n, RESIDUALS, 5)))
     for k in range(n):
         for j in range(5):

@@ -9,8 +9,18 @@ import pytest
 
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import motor_torque, relative_rate
-from scripts.studies.assumptions import MARKS, TIME_CONSTANT, budget_table, ripple_loss
-from scripts.studies.machine import GEAR_TORQUE, TOP_SPEED, TOTAL_MASS, chosen, machine, wheel_parts
+from scripts.studies.assumptions import (
+    GEAR_TORQUE,
+    MARKS,
+    TIME_CONSTANT,
+    TOP_SPEED,
+    TOTAL_MASS,
+    budget_table,
+    chosen,
+    machine,
+    ripple_loss,
+    wheel_parts,
+)
 from trajopt.gaits.library import shipped, warm_starts
 
 DOCS = Path(__file__).parents[3] / "docs"
