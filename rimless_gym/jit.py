@@ -44,8 +44,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: Parts of the package, announced once when they are compiled. One function of each part names it:
 #: the one that takes longest, or is compiled first.
-SIMULATOR = "the simulator (about 12 s)"
-ENVIRONMENT = "the environments (about 3 s)"
+SIMULATOR = "the simulator (about 9 s)"
+ENVIRONMENT = "the environments (about 2 s)"
 REFERENCE = "the reference simulator (about 1 s)"
 
 
