@@ -75,19 +75,12 @@ Every episode can be walked again, bit for bit: reset the environment with the `
 
 @dataclasses.dataclass(frozen=True)
 class DatasetConfig:
-    """What datasets hold.
+    """What datasets hold."""
 
-    Attributes:
-        params: the machine; None: a policy's own, and BUILDABLE for the others.
-        episodes: of every policy; the optimal gaits have one episode each.
-        seed: of the first episode, and of random voltages.
-        speed: of the gait that laws hold (m/s).
-    """
-
-    params: WheelParams | None
-    episodes: int
-    seed: int
-    speed: float
+    params: WheelParams | None  # the machine; None: a policy's own, and BUILDABLE for the others
+    episodes: int  # of every policy; the optimal gaits have one episode each
+    seed: int  # of the first episode, and of random voltages
+    speed: float  # of the gait that laws hold (m/s)
 
     def recipe(self, name: str) -> dict[str, Any]:
         """What the dataset of a policy is made of, as plain JSON values.

@@ -163,17 +163,11 @@ def spending(walk: Recording, time: float) -> dict[str, float]:
 
 
 class Touchdown(NamedTuple):
-    """The end of a step.
+    """The end of a step."""
 
-    Attributes:
-        time: s.
-        legs: by which the stance foot moved, positive: forward.
-        foot: the new stance foot, counted in legs.
-    """
-
-    time: float
-    legs: int
-    foot: int
+    time: float  # s
+    legs: int  # by which the stance foot moved, positive: forward
+    foot: int  # the new stance foot, counted in legs
 
 
 class Figures(NamedTuple):
@@ -185,27 +179,16 @@ class Figures(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Recording:
-    """A walk.
+    """A walk."""
 
-    Attributes:
-        name: of the policy or the gait.
-        params: the machine.
-        begins: time of the first state (s).
-        period: from state to state (s).
-        states: (n + 1, STATE_SIZE).
-        volts: held from each state to the next (V), (n,).
-        sums: of the entries `SUMMED` from the beginning to each state, (n + 1, len(SUMMED)).
-        touchdowns: in order of time.
-    """
-
-    name: str
-    params: WheelParams
-    begins: float
-    period: float
-    states: Floats
-    volts: Floats
-    sums: Floats
-    touchdowns: tuple[Touchdown, ...]
+    name: str  # of the policy or the gait
+    params: WheelParams  # the machine
+    begins: float  # time of the first state (s)
+    period: float  # from state to state (s)
+    states: Floats  # (n + 1, STATE_SIZE)
+    volts: Floats  # held from each state to the next (V), (n,)
+    sums: Floats  # of the entries `SUMMED` from the beginning to each state, (n + 1, len(SUMMED))
+    touchdowns: tuple[Touchdown, ...]  # in order of time
 
     @property
     def ends(self) -> float:

@@ -95,14 +95,10 @@ def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
 
 @dataclasses.dataclass(frozen=True)
 class CloneReport:
-    """How a cloning went.
+    """How a cloning went."""
 
-    Attributes:
-        samples: labelled observations, all rounds together.
-        errors: root-mean-square error on walks held out (voltage limits), after each round.
-    """
-
-    samples: int
+    samples: int  # labelled observations, all rounds together
+    # root-mean-square error on walks held out (voltage limits), after each round
     errors: tuple[float, ...]
 
 
@@ -153,21 +149,13 @@ def _split(walks: list[LabelledWalks], held_out: float) -> tuple[Labelled, Label
 
 
 class LabelledWalks(NamedTuple):
-    """Control intervals of several walks, one after the other.
+    """Control intervals of several walks, one after the other."""
 
-    Attributes:
-        which: index of the start, (M,).
-        when: index of the interval, (M,).
-        states: (M, STATE_SIZE).
-        observations: (M, 6); (M, 8) where a speed is commanded.
-        actions: in units of the voltage limit, (M,).
-    """
-
-    which: NDArray[np.int64]
-    when: NDArray[np.int64]
-    states: Floats
-    observations: NDArray[np.float32]
-    actions: Floats
+    which: NDArray[np.int64]  # index of the start, (M,)
+    when: NDArray[np.int64]  # index of the interval, (M,)
+    states: Floats  # (M, STATE_SIZE)
+    observations: NDArray[np.float32]  # (M, 6); (M, 8) where a speed is commanded
+    actions: Floats  # in units of the voltage limit, (M,)
 
     def take(self, indices: NDArray[np.int64]) -> LabelledWalks:
         """Some of the intervals."""
@@ -199,19 +187,13 @@ def walk(
 
 @dataclasses.dataclass(frozen=True)
 class Teaching:
-    """An expert, and where and how it teaches.
+    """An expert, and where and how it teaches."""
 
-    Attributes:
-        expert: to be imitated.
-        conditions: of all walks. A feedback law labels true states even where sensors are noisy.
-        config: how to clone.
-        seed: of the starts, and of what the conditions draw.
-    """
-
-    expert: Policy
+    expert: Policy  # to be imitated
+    # of all walks. A feedback law labels true states even where sensors are noisy
     conditions: Conditions
-    config: Cloning
-    seed: int
+    config: Cloning  # how to clone
+    seed: int  # of the starts, and of what the conditions draw
 
     def first_round(self) -> LabelledWalks:
         """The expert's own walks."""

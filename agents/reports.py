@@ -63,19 +63,12 @@ def embedded(figure: Figure, title: str) -> str:
 
 
 class Column(NamedTuple):
-    """A column of a table.
+    """A column of a table."""
 
-    Attributes:
-        heading: above it.
-        key: of its value in a row. It sorts the rows.
-        form: the format of a number, as in ".4f"; "" for a text.
-        meaning: a sentence that explains it.
-    """
-
-    heading: str
-    key: str
-    form: str = ""
-    meaning: str = ""
+    heading: str  # above it
+    key: str  # of its value in a row. It sorts the rows
+    form: str = ""  # the format of a number, as in ".4f"; "" for a text
+    meaning: str = ""  # a sentence that explains it
 
     def text(self, row: Mapping[str, Any]) -> str:
         """The row's value in this column as text."""

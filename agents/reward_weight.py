@@ -27,17 +27,11 @@ SHARE_EXPONENT = 4
 
 
 class CleanWalking(NamedTuple):
-    """How a policy walks without exploration.
+    """How a policy walks without exploration."""
 
-    Attributes:
-        share: of the starts, from which it walks by the rules.
-        cot: cost of transport of these walks; infinite without any.
-        speed: of these walks (m/s); 0 without any.
-    """
-
-    share: float
-    cot: float
-    speed: float
+    share: float  # of the starts, from which it walks by the rules
+    cot: float  # cost of transport of these walks; infinite without any
+    speed: float  # of these walks (m/s); 0 without any
 
 
 #: That of a policy which walks from no start.

@@ -72,15 +72,10 @@ class AdaptivePolicy:
 
 @dataclasses.dataclass(frozen=True)
 class Seeing:
-    """A learner's policy that refuses observations of another shape than it was trained on.
+    """A learner's policy that refuses observations of another shape than it was trained on."""
 
-    Attributes:
-        act: the policy.
-        size: numbers of an observation, 6 or 8.
-    """
-
-    act: Act
-    size: int
+    act: Act  # the policy
+    size: int  # numbers of an observation, 6 or 8
 
     def __call__(self, observations: NDArray[np.float32]) -> Floats:
         """The actions, (N,); the action, (), for a single observation.

@@ -25,17 +25,11 @@ from rimless_gym.params import WheelParams
 
 
 class Channel(NamedTuple):
-    """An energy of the ledger (J).
+    """An energy of the ledger (J)."""
 
-    Attributes:
-        name: shared by the kernel's row, the entry in `info` and the ledger's field.
-        sign: 1 for energy that comes in, -1 for where it goes, 0 if it is outside the balance.
-        meaning: one line of documentation.
-    """
-
-    name: str
-    sign: int
-    meaning: str
+    name: str  # shared by the kernel's row, the entry in `info` and the ledger's field
+    sign: int  # 1 for energy that comes in, -1 for where it goes, 0 if it is outside the balance
+    meaning: str  # one line of documentation
 
 
 #: The energies that the simulators account for in every interval.

@@ -29,19 +29,12 @@ VIOLATIONS = {
 
 
 class Extremes(NamedTuple):
-    """The extremes of a walk, named as in `info`.
+    """The extremes of a walk, named as in `info`."""
 
-    Attributes:
-        min_normal_force: least normal force in stance (N).
-        friction_demand: largest |Fx| / Fy in stance.
-        impulse_friction_demand: largest |Px| / Py of a touchdown's impulse.
-        clearance: least height of the pendulum's end over the floor (m).
-    """
-
-    min_normal_force: float
-    friction_demand: float
-    impulse_friction_demand: float
-    clearance: float
+    min_normal_force: float  # least normal force in stance (N)
+    friction_demand: float  # largest |Fx| / Fy in stance
+    impulse_friction_demand: float  # largest |Px| / Py of a touchdown's impulse
+    clearance: float  # least height of the pendulum's end over the floor (m)
 
 
 def violations(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:

@@ -56,15 +56,10 @@ def normal(streams, i):
 
 
 class Ground(NamedTuple):
-    """The ground of an episode.
+    """The ground of an episode."""
 
-    Attributes:
-        ground_seed: which ground it is, a number in [0, 1).
-        slope_std: standard deviation of its pieces' slopes (rad); 0 on even ground.
-    """
-
-    ground_seed: Any
-    slope_std: Any
+    ground_seed: Any  # which ground it is, a number in [0, 1)
+    slope_std: Any  # standard deviation of its pieces' slopes (rad); 0 on even ground
 
 
 #: Largest deviation of a piece's slope, in leg angles. Beyond a half, a wheel that touches down

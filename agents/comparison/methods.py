@@ -85,17 +85,12 @@ def methods(study: Study) -> tuple[Method, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class OptimalGait:
-    """An optimal gait, at the study's speed or at the best one.
+    """An optimal gait, at the study's speed or at the best one."""
 
-    Attributes:
-        name, after: see `Method`.
-        title: of its row; None: its number of steps per stride.
-        solve: returns it, or the reason why there is none.
-    """
-
+    # name, after: see `Method`
     name: str
-    title: str | None
-    solve: Callable[[Setting], Solution | str]
+    title: str | None  # of its row; None: its number of steps per stride
+    solve: Callable[[Setting], Solution | str]  # returns it, or the reason why there is none
     after: tuple[str, ...] = ()
 
     @property
@@ -175,16 +170,13 @@ def gait_result(gait: Solution) -> Result:
 
 @dataclasses.dataclass(frozen=True)
 class FrontMethod:
-    """A front of optimal gaits. Its rows are those of the best gaits at the study's speeds.
+    """A front of optimal gaits. Its rows are those of the best gaits at the study's speeds."""
 
-    Attributes:
-        name, after: see `Method`.
-        held: False: the voltage is continuous. True: it is held for the environment's 10 ms, at the
-            speeds and with the steps of the best gaits of the other front.
-    """
-
+    # name, after: see `Method`
     name: str
     after: tuple[str, ...] = ()
+    # False: the voltage is continuous. True: it is held for the environment's 10 ms, at the speeds
+    # and with the steps of the best gaits of the other front
     held: bool = False
 
     def compute(self, setting: Setting) -> Result:
@@ -241,15 +233,11 @@ def _held_front(setting: Setting) -> CotFront:
 
 @dataclasses.dataclass(frozen=True)
 class LawMethod:
-    """A feedback law that holds the environment's best gait nearest to the study's speed.
+    """A feedback law that holds the environment's best gait nearest to the study's speed."""
 
-    Attributes:
-        name, after: see `Method`. The first law computes the start-up for all.
-        law: one of `trajopt.feedback.laws.names()`.
-    """
-
+    # name, after: see `Method`. The first law computes the start-up for all
     name: str
-    law: str
+    law: str  # one of `trajopt.feedback.laws.names()`
     after: tuple[str, ...]
 
     def compute(self, setting: Setting) -> Result:
@@ -267,30 +255,22 @@ class LawMethod:
 
 @dataclasses.dataclass(frozen=True)
 class LearnedMethod:
-    """A learner's policy.
+    """A learner's policy."""
 
-    Attributes:
-        name, after: see `Method`; the name is that of the folder of its training, too.
-        init: "scratch", "imitation", or a policy's file in the study's folder.
-        title: of its row.
-        file: of the policy in the training's folder.
-        algo: the learner.
-        at_study_speed: whether it walks at the study's speed; else it chooses its speed itself.
-        budget: the field of the study that has its control intervals; None: it is not trained.
-        curve: whether it is in the plot of learning curves.
-        teacher: a policy's file in the study's folder that is imitated; None: the best law is.
-    """
-
+    # name, after: see `Method`; the name is that of the folder of its training, too
     name: str
-    init: str
-    title: str
-    file: str
+    init: str  # "scratch", "imitation", or a policy's file in the study's folder
+    title: str  # of its row
+    file: str  # of the policy in the training's folder
     after: tuple[str, ...] = ()
     _: dataclasses.KW_ONLY
-    algo: str = "ppo"
+    algo: str = "ppo"  # the learner
+    # whether it walks at the study's speed; else it chooses its speed itself
     at_study_speed: bool = False
+    # the field of the study that has its control intervals; None: it is not trained
     budget: str | None = None
-    curve: bool = False
+    curve: bool = False  # whether it is in the plot of learning curves
+    # a policy's file in the study's folder that is imitated; None: the best law is
     teacher: str | None = None
 
     def compute(self, setting: Setting) -> Result:
@@ -356,18 +336,14 @@ def _shipped_trainings() -> Iterator[ShippedMethod]:
 
 @dataclasses.dataclass(frozen=True)
 class ShippedMethod:
-    """A policy that comes with the package.
+    """A policy that comes with the package."""
 
-    Attributes:
-        file, title: of the policy, and of its rows.
-        commands: speeds at which it walks (m/s); none: it chooses its speed itself.
-        curve: whether it is in the plot of learning curves.
-    """
-
+    # file, title: of the policy, and of its rows
     file: Path
     title: str
+    # speeds at which it walks (m/s); none: it chooses its speed itself
     commands: tuple[float, ...] = ()
-    curve: bool = False
+    curve: bool = False  # whether it is in the plot of learning curves
     after: ClassVar[tuple[str, ...]] = ()
 
     @property

@@ -69,34 +69,22 @@ HEADLINE = {
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """A gait or a policy. Figures are None where they do not exist.
+    """A gait or a policy. Figures are None where they do not exist."""
 
-    Attributes:
-        title: its name in the table.
-        study_speed: the study's speed that it belongs to (m/s); None if it chooses its speed.
-        cot: cost of transport.
-        objective: mean reward per second (m/s).
-        speed: m/s.
-        gap: to the environment's optimum of 1 to 3 steps at its speed.
-        walking_share: of the starts; None for a gait.
-        friction_demand: largest |Fx| / Fy of stance and touchdowns.
-        min_normal_force_over_weight: least normal force in weights.
-        over_least: gap to the environment's optimum at any speed.
-        return_share: of 20 s, start-up included, over that of the best gait walked for all 20 s.
-        prior, intervals, minutes: see `agents.policy_files.TrainingEffort`.
-    """
-
-    title: str
+    title: str  # its name in the table
+    # the study's speed that it belongs to (m/s); None if it chooses its speed
     study_speed: float | None = None
-    cot: float | None = None
-    objective: float | None = None
-    speed: float | None = None
-    gap: float | None = None
-    walking_share: float | None = None
-    friction_demand: float | None = None
-    min_normal_force_over_weight: float | None = None
-    over_least: float | None = None
+    cot: float | None = None  # cost of transport
+    objective: float | None = None  # mean reward per second (m/s)
+    speed: float | None = None  # m/s
+    gap: float | None = None  # to the environment's optimum of 1 to 3 steps at its speed
+    walking_share: float | None = None  # of the starts; None for a gait
+    friction_demand: float | None = None  # largest |Fx| / Fy of stance and touchdowns
+    min_normal_force_over_weight: float | None = None  # least normal force in weights
+    over_least: float | None = None  # gap to the environment's optimum at any speed
+    # of 20 s, start-up included, over that of the best gait walked for all 20 s
     return_share: float | None = None
+    # prior, intervals, minutes: see `agents.policy_files.TrainingEffort`
     prior: str | None = None
     intervals: int | None = None
     minutes: float | None = None

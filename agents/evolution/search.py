@@ -133,42 +133,27 @@ class EvolutionSettings(LearnerSettings):
 
 
 class Request(NamedTuple):
-    """Walks that a search needs.
+    """Walks that a search needs."""
 
-    Attributes:
-        weights: of the policies, (P, SIZE).
-        starts: how many.
-        seed: of the starts.
-        duration: of the walks.
-        groups: the family whose gait is rewarded, or `SENSES` or `FAMILIES`.
-        counted: share of the starts that counts: each policy's best ones.
-        distance_weight: in the reward.
-        best: the best policy so far, (SIZE,); zeros do nothing.
-    """
-
-    weights: Floats
-    starts: int
-    seed: tuple[int, ...]
-    duration: Duration
-    groups: int | str
-    counted: float
-    distance_weight: float
-    best: Floats
+    weights: Floats  # of the policies, (P, SIZE)
+    starts: int  # how many
+    seed: tuple[int, ...]  # of the starts
+    duration: Duration  # of the walks
+    groups: int | str  # the family whose gait is rewarded, or `SENSES` or `FAMILIES`
+    counted: float  # share of the starts that counts: each policy's best ones
+    distance_weight: float  # in the reward
+    best: Floats  # the best policy so far, (SIZE,); zeros do nothing
 
 
 class Answer(NamedTuple):
-    """What a search is sent.
+    """What a search is sent."""
 
-    Attributes:
-        groups: the senses or families in which some policy walks, or the requested family, (G,).
-        scores: of the policies in each of them, (G, P). Where policies are told apart, it is -inf
-            for those that do not belong to the group.
-        gait: how the first policy walks in the first group, if there is any.
-    """
-
+    # the senses or families in which some policy walks, or the requested family, (G,)
     groups: Floats
+    # of the policies in each of them, (G, P). Where policies are told apart, it is -inf for those
+    # that do not belong to the group
     scores: Floats
-    gait: CleanWalking
+    gait: CleanWalking  # how the first policy walks in the first group, if there is any
 
 
 _Result = TypeVar("_Result")

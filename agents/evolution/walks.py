@@ -120,22 +120,14 @@ class PolicyWalks(NamedTuple):
     """Walks of P policies from S starts; every field has the shape (P, S).
 
     All but `lasted` are those of the window, the end of the walk; 0 where it was not reached.
-
-    Attributes:
-        lasted: share of the whole time before a fall.
-        distance: forward (m).
-        energy: electrical, without regeneration and idle energy (J).
-        steps: forward, less those backward.
-        turned: by the pendulum (rad).
-        slipping: control intervals in which the foot would slip.
     """
 
-    lasted: Floats
-    distance: Floats
-    energy: Floats
-    steps: Floats
-    turned: Floats
-    slipping: Floats
+    lasted: Floats  # share of the whole time before a fall
+    distance: Floats  # forward (m)
+    energy: Floats  # electrical, without regeneration and idle energy (J)
+    steps: Floats  # forward, less those backward
+    turned: Floats  # by the pendulum (rad)
+    slipping: Floats  # control intervals in which the foot would slip
 
 
 #: Where each field of `PolicyWalks` is in the compiled results.
@@ -143,15 +135,10 @@ AT = PolicyWalks(*range(len(PolicyWalks._fields)))
 
 
 class Duration(NamedTuple):
-    """How long walks last.
+    """How long walks last."""
 
-    Attributes:
-        intervals: of control.
-        window: the last of them, in which walking is measured.
-    """
-
-    intervals: int
-    window: int
+    intervals: int  # of control
+    window: int  # the last of them, in which walking is measured
 
     @classmethod
     def second_half(cls, intervals: int) -> Duration:
@@ -161,14 +148,10 @@ class Duration(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PolicySimulator:
-    """Walks of many policies with one wheel.
+    """Walks of many policies with one wheel."""
 
-    Attributes:
-        params: the wheel's parameters.
-        threads: that share the walks; the results do not depend on their number.
-    """
-
-    params: WheelParams
+    params: WheelParams  # the wheel's parameters
+    # that share the walks; the results do not depend on their number
     threads: int = dataclasses.field(default_factory=cores)
 
     def walk(self, weights: Floats, starts: Floats, duration: Duration) -> PolicyWalks:
@@ -241,17 +224,11 @@ def _walk(  # type: ignore[no-untyped-def]
 
 @dataclasses.dataclass(frozen=True)
 class WalkReward:
-    """What is rewarded.
+    """What is rewarded."""
 
-    Attributes:
-        params: the wheel's parameters.
-        task: whose penalties for slips and falls apply.
-        speed: up to which distance is rewarded (m/s).
-    """
-
-    params: WheelParams
-    task: Task
-    speed: float
+    params: WheelParams  # the wheel's parameters
+    task: Task  # whose penalties for slips and falls apply
+    speed: float  # up to which distance is rewarded (m/s)
 
     def scores(
         self,

@@ -60,17 +60,15 @@ _TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
 class Annealed:
     """A number that changes geometrically within a training.
 
-    Attributes:
-        first, last: its values, greater than 0.
-        begin, end: between which shares of the training it changes.
-
     Raises:
         TypeError: one is no number.
         ValueError: not 0 < first, last, or not 0 <= begin < end <= 1.
     """
 
+    # first, last: its values, greater than 0
     first: float
     last: float
+    # begin, end: between which shares of the training it changes
     begin: float
     end: float
 

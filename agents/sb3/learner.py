@@ -88,20 +88,15 @@ class NetworkPolicy:
 
 @dataclasses.dataclass(frozen=True)
 class Actor:
-    """The part of a stable-baselines3 model that chooses actions.
+    """The part of a stable-baselines3 model that chooses actions."""
 
-    Attributes:
-        model: to which it belongs.
-        mean_action: the deterministic action (N,) as a differentiable function of observations.
-        weights: of that function.
-        noise: parameters of the exploration noise that learning changes by themselves.
-        set_noise: gives the noise this natural logarithm of its standard deviation in all states.
-    """
-
-    model: Any
+    model: Any  # to which it belongs
+    # the deterministic action (N,) as a differentiable function of observations
     mean_action: Callable[[torch.Tensor], torch.Tensor]
-    weights: list[nn.Parameter]
+    weights: list[nn.Parameter]  # of that function
+    # parameters of the exploration noise that learning changes by themselves
     noise: list[nn.Parameter]
+    # gives the noise this natural logarithm of its standard deviation in all states
     set_noise: Callable[[float], None]
 
     @property

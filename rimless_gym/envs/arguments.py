@@ -164,16 +164,12 @@ def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeStart:
-    """How K episodes begin.
+    """How K episodes begin."""
 
-    Attributes:
-        kind: kind of start; see `rimless_gym.envs.starts`.
-        states: (phi, theta, phi', theta', mode) of each, (K, 5); empty unless `kind` is GIVEN.
-        speeds: commanded speed of each (m/s), (K,); None to draw them.
-    """
-
-    kind: int = DRAWN
+    kind: int = DRAWN  # kind of start; see `rimless_gym.envs.starts`
+    # (phi, theta, phi', theta', mode) of each, (K, 5); empty unless `kind` is GIVEN
     states: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.empty((0, 5)))
+    # commanded speed of each (m/s), (K,); None to draw them
     speeds: NDArray[np.float64] | None = None
 
 

@@ -28,25 +28,15 @@ from rimless_gym.trigonometry import cos, sin
 
 
 class TaskParams(NamedTuple):
-    """What the task needs to know of the machine.
+    """What the task needs to know of the machine."""
 
-    Attributes:
-        voltage_limit: V.
-        idle_power: W.
-        friction: friction coefficient of the ground.
-        weight: N.
-        slope: rad.
-        leg_scale: scale of the observed leg angle, 2 / alpha (1/rad).
-        allowance_limit: most travel that may be rewarded at once, a step length (m); see `Task`.
-    """
-
-    voltage_limit: Any
-    idle_power: Any
-    friction: Any
-    weight: Any
-    slope: Any
-    leg_scale: Any
-    allowance_limit: Any
+    voltage_limit: Any  # V
+    idle_power: Any  # W
+    friction: Any  # friction coefficient of the ground
+    weight: Any  # N
+    slope: Any  # rad
+    leg_scale: Any  # scale of the observed leg angle, 2 / alpha (1/rad)
+    allowance_limit: Any  # most travel that may be rewarded at once, a step length (m); see `Task`
 
 
 Weights = record("Weights", [field.name for field in dataclasses.fields(Task)], __name__)

@@ -1,8 +1,8 @@
 """The study `accelerator`: speed and accuracy of `rimless_gym.jax` on the accelerator at hand.
 
 Intervals of 10 ms, in random play and on walks, are advanced there, by the compiled simulator on
-all cores of the same machine, and by MJX if it is installed: MuJoCo in JAX, with the wheel of
-`rimless_gym.export`.
+all cores of the same machine, by MJX if it is installed (MuJoCo in JAX, with the wheel of
+`rimless_gym.export`), and in training by rejax's PPO if that is installed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ Intervals = tuple[Floats, Floats]  # hybrid states (N, 6) at their beginnings, v
 FOLDER = Path("runs", "bench")
 DIFFERENT = 4096  # intervals; batches repeat them
 LEAST = 1.0  # seconds of a measurement
-MJX_SHARE = 256  # of the rows, one in so many in MJX, which is that much slower
+SHARE = 256  # of the rows, one in so many in MJX, which is that much slower, and in training
+PPO = {"num_steps": 32, "num_epochs": 3, "num_minibatches": 16}  # of rejax; networks of 64 x 64
 
 MARKS = markdown.marks("accelerator", ("speed",))
 
@@ -79,7 +80,9 @@ def measured_here(most: int | None, out: Path) -> dict[str, Any]:
         "results": results,
     }
 
-    def keep(by: str, count: int, figures: Iterable[dict[str, Any]]) -> None:
+    def keep(
+        by: str, count: int, figures: Iterable[dict[str, Any]], motions: Iterable[str] = motions
+    ) -> None:
         for motion, of_motion in zip(motions, figures, strict=True):
             results.append({"motion": motion, "by": by, "rows": count} | of_motion)
             print(results[-1], flush=True)
@@ -90,25 +93,29 @@ def measured_here(most: int | None, out: Path) -> dict[str, Any]:
     for dtype in ("float32", "float64"):
         for count in (rows,) if on_cpu else (rows // 4, rows // 2, rows):
             keep(dtype, count, measured(WheelEnv(params=PRESET, dtype=dtype), given, count))
+    count = max(1, rows // SHARE)
     if importlib.util.find_spec("mujoco") and importlib.util.find_spec("mujoco.mjx"):
-        count = max(1, rows // MJX_SHARE)
-        keep("mjx", count, ({"per_second": mjx_speed(each, count)} for each in given))
+        keep("mjx", count, ({"per_second": each} for each in mjx_speeds(given, count)))
+    if importlib.util.find_spec("rejax"):
+        keep("ppo", count, [{"per_second": ppo_speed(count)}], ["random"])
     return found
 
 
 def table(found: dict[str, Any]) -> str:
     """The table of the page, and what limits the speed."""
-    cells: dict[tuple[str, int], list[str]] = {}
+    cells: dict[tuple[str, int], dict[str, str]] = {}
     for one in found["results"]:
-        row = cells.setdefault((one["by"], one["rows"]), [])
-        row.append(markdown.count(one["per_second"]))
+        row = cells.setdefault((one["by"], one["rows"]), {"walks": ""})
+        row[one["motion"]] = markdown.count(one["per_second"])
     titles = {
         "kernel": f"compiled simulator, {found['cores']} cores",
         "float32": "float32, RK4",
         "float64": "float64, DOP853",
         "mjx": f"MJX, float32, steps of {1000 * TIMESTEP:g} ms",
+        "ppo": "float32 and PPO of rejax: {num_epochs} epochs of {num_minibatches} batches after "
+        "{num_steps} steps, networks of 64 x 64; learning included".format_map(PPO),
     }
-    rows = [[titles[by], f"{n:,}", *cell] for (by, n), cell in cells.items()]
+    rows = [[titles[by], f"{n:,}", *cell.values()] for (by, n), cell in cells.items()]
     head = ["", "rows at once", "walks (1/s)", "random play (1/s)"]
     if found["device"] == "cpu":  # its caches are not in XLA's count
         return markdown.table(head, rows) + "\n"
@@ -221,7 +228,7 @@ def kernel_speed(given: Intervals, rows: int, cores: int) -> float:
         return per_second(lambda: list(pool.map(part, *zip(*parts, strict=True))), rows)
 
 
-def mjx_speed(given: Intervals, rows: int) -> float:
+def mjx_speeds(motions: Sequence[Intervals], rows: int) -> Iterator[float]:
     """Intervals per second of MuJoCo in JAX, whose steps are as short as touchdowns need them."""
     import jax
     import jax.numpy as jnp
@@ -230,21 +237,43 @@ def mjx_speed(given: Intervals, rows: int) -> float:
 
     machine, index = preset(PRESET), np.arange(rows) % DIFFERENT
     model = mujoco.MjModel.from_xml_string(to_mjcf(machine))
-    states, volts = (x[index] for x in given)
-    positions, rates = joint_state(machine, states[:, :4])
     steps = round(CONTROL_PERIOD / model.opt.timestep)
     with jax.enable_x64(False):
         system, begin = mjx.put_model(model), mjx.put_data(model, mujoco.MjData(model))
 
+        @jax.jit
+        @jax.vmap
         def interval(position: Any, rate: Any, u: Any) -> Any:
             data = begin.replace(qpos=position, qvel=rate, ctrl=u)
             end = jax.lax.fori_loop(0, steps, lambda _, x: mjx.step(system, x), data)
             return end.qpos, end.qvel
 
-        arrays = jnp.asarray(positions), jnp.asarray(rates), jnp.asarray(volts[:, None])
-        program = jax.jit(jax.vmap(interval)).lower(*arrays).compile()
-        jax.block_until_ready(program(*arrays))
-        return per_second(lambda: jax.block_until_ready(program(*arrays)), rows)
+        for given in motions:
+            states, volts = (x[index] for x in given)
+            arrays = *joint_state(machine, states[:, :4]), volts[:, None]
+            arrays = [jnp.asarray(x) for x in arrays]
+            jax.block_until_ready(interval(*arrays))  # compiles
+            yield per_second(lambda: jax.block_until_ready(interval(*arrays)), rows)  # noqa: B023
+
+
+def ppo_speed(rows: int) -> float:
+    """Decisions per second of training from scratch, in which wheels are played at random."""
+    import jax
+    import rejax
+
+    from rimless_gym.jax import EnvParams, RejaxEnv, compiler_options
+
+    with jax.enable_x64(False):
+        env = RejaxEnv(params=PRESET)
+        ppo = rejax.PPO.create(env=env, env_params=EnvParams(), num_envs=rows, **PPO)
+        iterate = jax.jit(ppo.train_iteration, compiler_options=compiler_options())
+        state = iterate(ppo.init_state(jax.random.key(0)))  # compiles
+
+        def iteration() -> None:
+            nonlocal state
+            state = jax.block_until_ready(iterate(state))
+
+        return per_second(iteration, rows * PPO["num_steps"])
 
 
 def per_second(call: Callable[[], Any], rows: int) -> float:

@@ -193,7 +193,6 @@ COLUMNS = {
     "loses (J)": "{loss:.1e}",
     "CoT at 0.1 rad/s": "{ten:.5f}",
     "at 0.01 rad/s": "{soft:.5f}",
-    "loses there (J)": "{soft_loss:.1e}",
     "at 0, extrapolated": "{limit:.5f}",
 }
 REST_COLUMNS = {
@@ -212,12 +211,8 @@ def _landings_table(landings: Sequence[ImposedLanding]) -> str:
         line = [each for each in landings if each[:2] == case and each.kind != AT_REST]
         best, (before, last) = min(line, key=lambda each: each.cot), line[-2:]
         slope = (before.cot - last.cot) / (before.rate - last.rate)
-        row = best._asdict() | dict.fromkeys(("ten", "soft", "soft_loss"))
-        for each in line:
-            if each.rate == SOFT:
-                row |= {"soft": each.cot, "soft_loss": each.loss}
-            elif each.rate == 10 * SOFT:
-                row |= {"ten": each.cot}
+        costs = {each.rate: each.cot for each in line}
+        row = best._asdict() | {"ten": costs.get(10 * SOFT), "soft": costs.get(SOFT)}
         rows.append(row | {"limit": last.cot - slope * last.rate})
     return formatted(COLUMNS, rows) + "\n"
 

@@ -65,6 +65,11 @@ class Variation(NamedTuple):
     machines: tuple[WheelParams, ...]
     disturbances: str | None = None  # in `DISTURBANCES`
 
+    @property
+    def times(self) -> int:
+        """As how many machines one counts: one by itself walks from more starts."""
+        return 4 if len(self.machines) == 1 else 1
+
 
 class Walk(NamedTuple):
     """A candidate's walks with one machine of a case."""
@@ -105,7 +110,7 @@ def robustness(
     Args:
         out: folder of the study.
         machines: how many are drawn for each level.
-        starts: of each machine.
+        starts: of each machine; four times as many where there is only one.
         seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
@@ -115,7 +120,7 @@ def robustness(
     changes, names = cases(machines), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
     walks = [
-        Walk(candidate, machine, case.disturbances, starts, seconds, out)
+        Walk(candidate, machine, case.disturbances, starts * case.times, seconds, out)
         for case in every.values()
         for candidate in names
         for machine in case.machines

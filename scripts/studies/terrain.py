@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import norm
 
-from agents.cli.options import Count, MaybePath
+from agents.cli.options import MaybePath
 from agents.conditions import Conditions
 from agents.experts import EXPERT_SPEED
 from agents.policy_files import PRETRAINED, load_policy
@@ -43,36 +43,29 @@ PASSIVE = THESIS_PHYSICAL.replace(
 #: Standard deviations of the slope (degrees) under this wheel, and under BUILDABLE.
 ROUGHNESS, LESS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0), (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 
-PATIENCE = 3.0  # s: a walk ends that takes no step for so long
+#: Stops and steps of the passive wheel at each roughness, at most; where it would hardly stop 30
+#: times in these steps, it is not simulated.
+STOPS, MOST_STEPS = 400, 2_000_000
+
+#: Walks of each policy at each roughness, which begin on the gait, and their length (s); a walk
+#: ends that takes no step for so long (s).
+WALKS, SECONDS, PATIENCE = 64, 120, 3.0
 
 
-def terrain(
-    *,
-    stops: Count = 400,
-    most_steps: Count = 2_000_000,
-    walks: Count = 64,
-    seconds: Count = 120,
-    out: Path = Path("runs/terrain"),
-    docs: MaybePath = None,
-) -> int:
+def terrain(*, out: Path = Path("runs/terrain"), docs: MaybePath = None) -> int:
     """Measure mean first-passage times: steps until a stop or a fall, over the ground's roughness.
 
     The passive wheel's are compared with its return map. It takes some minutes of one core.
 
     Args:
-        stops: of the passive wheel at each roughness, at most.
-        most_steps: of the passive wheel at each roughness; where it would hardly stop 30 times in
-            these, it is not simulated.
-        walks: of each policy at each roughness, which begin on the gait.
-        seconds: length of these walks.
         out: folder of the LQR's start-up controller.
         docs: docs/environment.md, to write the tables into.
     """
     lines = []
     for degrees in ROUGHNESS:
         expected, measured = first_passage(PASSIVE, math.radians(degrees)), "-"
-        if 30 * expected < most_steps:
-            total, count = passive_walks(math.radians(degrees), stops, most_steps)
+        if 30 * expected < MOST_STEPS:
+            total, count = passive_walks(math.radians(degrees), STOPS, MOST_STEPS)
             measured = f"{total / count:.4g} ± {total / count**1.5:.2g}"
         lines.append([f"{degrees:g}°", f"{expected:.4g}", measured])
     head = ["standard deviation of the slope", "return map", "simulated, with standard error"]
@@ -80,9 +73,9 @@ def terrain(
     gait, lines = periodic_gait(BUILDABLE, EXPERT_SPEED, hold=CONTROL_PERIOD), []
     policies = {name: load_policy(PRETRAINED[name]).policy for name in ("imitation", "robust")}
     policies = {"lqr": controller_policy(BUILDABLE, laws.design("lqr", gait, out))} | policies
-    starts = np.tile(np.append(gait.phases[0].start, [SINGLE, 0.0]), (walks, 1))
+    starts = np.tile(np.append(gait.phases[0].start, [SINGLE, 0.0]), (WALKS, 1))
     for degrees in LESS:
-        each = (walked(p, starts, math.radians(degrees), seconds) for p in policies.values())
+        each = (walked(p, starts, math.radians(degrees)) for p in policies.values())
         lines.append([f"{degrees:g}°", *each])
     walkers = markdown.table([head[0], *(f"`{name}`" for name in policies)], lines)
     if docs:
@@ -149,12 +142,12 @@ def passive_walks(slope_std: float, stops: int, most_steps: int) -> tuple[int, i
     return total, stopped
 
 
-def walked(policy: Policy, starts: Array, slope_std: float, seconds: int) -> str:
+def walked(policy: Policy, starts: Array, slope_std: float) -> str:
     """Mean number of steps until a fall or a stop: all steps over the number of walks that end."""
     conditions = Conditions.of(BUILDABLE, None, {"terrain": {"slope_std": slope_std}})
     steps, waited = np.zeros((2, len(starts)))
     on = np.ones(len(starts), dtype=bool)
-    for interval in Rollout(conditions, policy, starts, round(seconds / CONTROL_PERIOD)):
+    for interval in Rollout(conditions, policy, starts, round(SECONDS / CONTROL_PERIOD)):
         rows, stepped = interval.running, interval.info["steps"]
         steps[rows] += on[rows] * stepped
         waited[rows] = np.where(stepped > 0, 0.0, waited[rows] + CONTROL_PERIOD)

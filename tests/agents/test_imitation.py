@@ -115,19 +115,6 @@ def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(n
     assert result.speed == pytest.approx(0.5, abs=0.03)
 
 
-@pytest.mark.parametrize(
-    ("settings", "error", "message"),
-    [
-        ({"rounds": 1.5}, TypeError, "rounds = 1.5"),
-        ({"learning_rate": 0.0}, ValueError, "learning_rate = 0.0"),
-        ({"huber": "x"}, TypeError, "huber = 'x'"),
-    ],
-)
-def test_invalid_settings_are_refused_by_name(settings: dict, error: type, message: str) -> None:
-    with pytest.raises(error, match=message):
-        Cloning(**settings)
-
-
 def test_commanded_speeds_change_within_the_walks_that_teach():
     conditions = Conditions.of(BUILDABLE, None, None, (0.4, 0.6), 0.01)
     still = learned_policy(lambda observations: np.zeros(len(observations)))

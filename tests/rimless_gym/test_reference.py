@@ -121,10 +121,7 @@ def test_losing_contact_ends_the_motion_only_if_the_foot_cannot_be_pulled() -> N
         ({"x0": [1.5, math.nan, 0, 0]}, "finite"),
         ({"x0": [1.5, 0, 0, 100.0]}, "60"),
         ({"control": np.zeros(3)}, "more samples"),
-        ({"duration": -1.0}, "duration = -1.0"),
         ({"control": lambda t, x: math.nan}, "control.*finite voltage"),
-        ({"control": np.zeros((10, 2))}, "shape"),
-        ({"pull": math.nan}, "pull"),
         ({"mode": "double_stance"}, "double stance has phi"),
     ],
 )

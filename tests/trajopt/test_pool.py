@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import io
 import os
-import pkgutil
 import signal
 import subprocess
 import sys
@@ -122,19 +120,6 @@ def test_the_time_of_a_bar_passes_while_a_task_takes_long() -> None:
                     return
                 time.sleep(0.01)
     pytest.fail("the bar stands still")
-
-
-@pytest.mark.parametrize(
-    "name",  # workers import this file, and need none of these
-    [
-        *("trajopt:periodic_gait", "trajopt:cot_front", "trajopt:multi_start", "agents:train"),
-        *("agents.evaluate:evaluate", "agents.evaluate:evaluate_commanded"),
-        "agents.gaps:gap_to_optimum",
-    ],
-)
-def test_what_takes_long_shows_its_progress_by_default(name: str) -> None:
-    parameters = inspect.signature(pkgutil.resolve_name(name)).parameters
-    assert parameters["progress"].default is True
 
 
 def test_one_worker_works_here_and_in_order() -> None:

@@ -116,7 +116,7 @@ class Approach(NamedTuple):
     def around(self, orbit: Orbit) -> Approach:
         """The approach to another orbit, whose law acts from as much farther away as that is."""
         states = self.gait.state(self.gait.duration * (np.arange(COMPARED) + 0.5) / COMPARED)
-        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).max()
+        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).mean()
         return self._replace(near=self.near + float(apart))
 
 
@@ -317,13 +317,17 @@ class AdaptiveWalks:
             each.bit_generator.state = known
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's."""
+        """The law in use: the plan's, or else the table's if it has the machine."""
         controller, plan, machine = self.controller, self.plans[row], self.machines[row]
         table, shared = controller.table, controller.table.law.data
-        if plan is None or plan.law is None:
+        if plan is not None and plan.law is not None:
+            data = gains_of(plan.law, shared)._replace(blend=IDENTIFIED_BLEND)
+        elif (np.abs(table.steps(machine)) <= FAR).all():
             data = gains_of(table.at(machine), shared)
         else:
-            data = gains_of(plan.law, shared)._replace(blend=IDENTIFIED_BLEND)
+            startup = dataclasses.replace(controller.first.startup, params=machine)
+            self._guarded[row] = ContactGuard(machine, startup, controller.margin)
+            return
         self._guarded[row] = controller.guarded(Law(machine, lqr.volts, data))
 
     def _identify(self, row: int) -> None:

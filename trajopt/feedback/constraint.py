@@ -38,23 +38,14 @@ LEG, PENDULUM = 0, 1
 
 
 class VirtualConstraint(NamedTuple):
-    """The constraint at the orbit's nodes.
+    """The constraint at the orbit's nodes."""
 
-    Attributes:
-        orbit: the gait's.
-        phase: which angle s is, `LEG` or `PENDULUM`.
-        direction: sign of s'.
-        slope: q_d' at the nodes, shape (n,).
-        bend: q_d'' (1/rad), shape (n,).
-        authority: sign of the y'' that a voltage causes.
-    """
-
-    orbit: Orbit
-    phase: int
-    direction: float
-    slope: Floats
-    bend: Floats
-    authority: float
+    orbit: Orbit  # the gait's
+    phase: int  # which angle s is, `LEG` or `PENDULUM`
+    direction: float  # sign of s'
+    slope: Floats  # q_d' at the nodes, shape (n,)
+    bend: Floats  # q_d'' (1/rad), shape (n,)
+    authority: float  # sign of the y'' that a voltage causes
 
 
 class ConstraintGains(NamedTuple):
@@ -68,23 +59,15 @@ class ConstraintGains(NamedTuple):
 
 
 class Output(NamedTuple):
-    """The output y at a state, and what it takes to differentiate it again.
+    """The output y at a state, and what it takes to differentiate it again."""
 
-    Attributes:
-        y: error of the angle (rad).
-        dy: its rate (rad/s).
-        motor_rate_error: of the motor's rate psi', against the gait's at the same phase (rad/s).
-        slope: q_d' there.
-        bend: q_d'' there (1/rad).
-        voltage: the gait's there (V).
-    """
-
-    y: float
-    dy: float
+    y: float  # error of the angle (rad)
+    dy: float  # its rate (rad/s)
+    # of the motor's rate psi', against the gait's at the same phase (rad/s)
     motor_rate_error: float
-    slope: float
-    bend: float
-    voltage: float
+    slope: float  # q_d' there
+    bend: float  # q_d'' there (1/rad)
+    voltage: float  # the gait's there (V)
 
 
 def constraint_of(solution: Solution) -> VirtualConstraint:

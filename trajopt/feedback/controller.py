@@ -31,17 +31,11 @@ NEAR = 0.13
 
 @dataclasses.dataclass(frozen=True)
 class SwitchingController:
-    """A law in single stance near its gait, and a start-up controller of its machine elsewhere.
+    """A law in single stance near its gait, and a start-up controller of its machine elsewhere."""
 
-    Attributes:
-        law: near its gait.
-        startup: elsewhere.
-        near: distance from the gait up to which the law acts; > 0.
-    """
-
-    law: Law
-    startup: Controller
-    near: float = NEAR
+    law: Law  # near its gait
+    startup: Controller  # elsewhere
+    near: float = NEAR  # distance from the gait up to which the law acts; > 0
 
     def __post_init__(self) -> None:
         require_machine("startup", self.startup, self.params)
@@ -68,16 +62,12 @@ class ContactGuard:
 
     The normal force is monotonic in the voltage, so the voltages that keep it above a margin are a
     half line. Far from its gait, a law that knows nothing of contact would lose it now and then.
-
-    Attributes:
-        params: the controller's machine.
-        controller: to guard.
-        margin: least normal force in units of the weight, where a voltage within the limit can
-            provide it; at least 0, and less than 1.
     """
 
-    params: WheelParams
-    controller: Controller
+    params: WheelParams  # the controller's machine
+    controller: Controller  # to guard
+    # least normal force in units of the weight, where a voltage within the limit can provide it; at
+    # least 0, and less than 1
     margin: float = CONTACT_MARGIN
 
     def __post_init__(self) -> None:

@@ -46,53 +46,33 @@ TURNING_WEIGHT = 0.5
 
 
 class Orbit(NamedTuple):
-    """A gait as a table of n nodes.
+    """A gait as a table of n nodes."""
 
-    Attributes:
-        states: shape (n, 4); a touchdown has two nodes, one before it and one after.
-        times: from the stride's start (s), shape (n,).
-        voltages: means over a control period from the node on (V), shape (n,).
-        continued: whether the next node lies on the same step, shape (n,).
-        metric: weights of the squared coordinates in the distance from the orbit, shape (4,).
-        limit: largest voltage (V).
-    """
-
-    states: Floats
-    times: Floats
-    voltages: Floats
-    continued: NDArray[np.bool_]
-    metric: Floats
-    limit: float
+    states: Floats  # shape (n, 4); a touchdown has two nodes, one before it and one after
+    times: Floats  # from the stride's start (s), shape (n,)
+    voltages: Floats  # means over a control period from the node on (V), shape (n,)
+    continued: NDArray[np.bool_]  # whether the next node lies on the same step, shape (n,)
+    metric: Floats  # weights of the squared coordinates in the distance from the orbit, shape (4,)
+    limit: float  # largest voltage (V)
 
 
 class Spot(NamedTuple):
-    """Where on an orbit a state is.
+    """Where on an orbit a state is."""
 
-    Attributes:
-        node: the node behind it.
-        share: of the way to the next node, from 0 to 1.
-        squared: the squared distance from the orbit, in its metric.
-    """
-
-    node: int
-    share: float
-    squared: float
+    node: int  # the node behind it
+    share: float  # of the way to the next node, from 0 to 1
+    squared: float  # the squared distance from the orbit, in its metric
 
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """Times evenly spread over a stride, away from its touchdowns, and all nodes of its orbit.
+    """Times evenly spread over a stride, away from its touchdowns, and all nodes of its orbit."""
 
-    Attributes:
-        solution: the gait.
-        period: time in which it passes `FINENESS` of the times (s): about a control period, but at
-            most the share 1 / `FEWEST_PERIODS` of the stride.
-        times: s, shape (m,).
-    """
-
-    solution: Solution
+    solution: Solution  # the gait
+    # time in which it passes `FINENESS` of the times (s): about a control period, but at most the
+    # share 1 / `FEWEST_PERIODS` of the stride
     period: float
-    times: Floats
+    times: Floats  # s, shape (m,)
 
     @classmethod
     def of(cls, solution: Solution) -> Grid:
@@ -281,15 +261,11 @@ def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
 
 
 class Clock(NamedTuple):
-    """Ticks at tick + k `CONTROL_PERIOD` of the gait's own time, for all whole k.
+    """Ticks at tick + k `CONTROL_PERIOD` of the gait's own time, for all whole k."""
 
-    Attributes:
-        tick: time of one tick (s).
-        ahead: time (s) ahead of a tick that counts like one standard deviation of the gait's own
-            motion; infinite without a clock: time does not count.
-    """
-
-    tick: float
+    tick: float  # time of one tick (s)
+    # time (s) ahead of a tick that counts like one standard deviation of the gait's own motion;
+    # infinite without a clock: time does not count
     ahead: float
 
     @classmethod
@@ -305,17 +281,11 @@ def has_clock(solution: Solution) -> bool:
 
 
 class Offset(NamedTuple):
-    """How far from a held gait a state is.
+    """How far from a held gait a state is."""
 
-    Attributes:
-        spot: the nearest point of the orbit.
-        across: deviation from that point, four numbers.
-        early: time (s) by which that point is ahead of the nearest tick.
-    """
-
-    spot: Spot
-    across: tuple[float, float, float, float]
-    early: float
+    spot: Spot  # the nearest point of the orbit
+    across: tuple[float, float, float, float]  # deviation from that point, four numbers
+    early: float  # time (s) by which that point is ahead of the nearest tick
 
 
 @inner

@@ -83,17 +83,11 @@ _LAST = 1.0 - 1e-9
 
 
 class Weights(NamedTuple):
-    """Of a cost in metres of return.
+    """Of a cost in metres of return."""
 
-    Attributes:
-        time: of a second.
-        energy: of a joule that is drawn from the battery, without regeneration.
-        distance: of a metre; negative, since distance is rewarded.
-    """
-
-    time: float
-    energy: float
-    distance: float
+    time: float  # of a second
+    energy: float  # of a joule that is drawn from the battery, without regeneration
+    distance: float  # of a metre; negative, since distance is rewarded
 
 
 def lost_return(gait: Solution) -> Weights:
@@ -122,16 +116,11 @@ class StateGrid(NamedTuple):
     """Nodes of the four coordinates, evenly spaced; the pendulum's angle goes round.
 
     In double stance the leg's angle and rate are known, so that the pendulum's nodes will do.
-
-    Attributes:
-        low: of each coordinate's first node, shape (4,).
-        spacing: shape (4,).
-        counts: of nodes, shape (4,).
     """
 
-    low: Floats
-    spacing: Floats
-    counts: np.ndarray
+    low: Floats  # of each coordinate's first node, shape (4,)
+    spacing: Floats  # shape (4,)
+    counts: np.ndarray  # of nodes, shape (4,)
 
     @classmethod
     def over(cls, params: WheelParams, rates: Sequence[float], counts: Sequence[int]) -> StateGrid:
@@ -160,32 +149,20 @@ class StateGrid(NamedTuple):
 
 
 class CostToGo(NamedTuple):
-    """The least cost on the way to a gait (m of return), at the nodes of a `StateGrid`.
+    """The least cost on the way to a gait (m of return), at the nodes of a `StateGrid`."""
 
-    Attributes:
-        single: in single stance, shape `counts`.
-        double: in double stance, shape (counts[1], counts[3]).
-    """
-
-    single: Floats
-    double: Floats
+    single: Floats  # in single stance, shape `counts`
+    double: Floats  # in double stance, shape (counts[1], counts[3])
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class StartUpController:
-    """The voltage after which about the least cost remains.
+    """The voltage after which about the least cost remains."""
 
-    Attributes:
-        params: the machine.
-        grid: of the cost to go.
-        to_go: the cost to go.
-        weights: of the cost.
-    """
-
-    params: WheelParams
-    grid: StateGrid
-    to_go: CostToGo
-    weights: Weights
+    params: WheelParams  # the machine
+    grid: StateGrid  # of the cost to go
+    to_go: CostToGo  # the cost to go
+    weights: Weights  # of the cost
 
     @classmethod
     def to(
@@ -296,15 +273,10 @@ def simulated(
 
 
 class Outcomes(NamedTuple):
-    """What the voltages lead to from n nodes.
+    """What the voltages lead to from n nodes."""
 
-    Attributes:
-        states: smooth states and modes, shape (n, voltages, 5).
-        cost: shape (n, voltages); infinite for a fall.
-    """
-
-    states: NDArray[np.float32]
-    cost: NDArray[np.float32]
+    states: NDArray[np.float32]  # smooth states and modes, shape (n, voltages, 5)
+    cost: NDArray[np.float32]  # shape (n, voltages); infinite for a fall
 
 
 def cost_to_gait(

@@ -32,16 +32,11 @@ class Transverse(NamedTuple):
 
     The first three coordinates lie across the orbit, in standard deviations of the gait's own
     motion. The last one is the time by which the state is ahead (s).
-
-    Attributes:
-        A: shape (m, 4, 4): of the deviation, under the gait's voltage at the nearest point.
-        B: shape (m, 4, 1): of what is added to that voltage (1/V).
-        into: deviations (m, 4) to coordinates: shape (m, 4, 4).
     """
 
-    A: Floats
-    B: Floats
-    into: Floats
+    A: Floats  # shape (m, 4, 4): of the deviation, under the gait's voltage at the nearest point
+    B: Floats  # shape (m, 4, 1): of what is added to that voltage (1/V)
+    into: Floats  # deviations (m, 4) to coordinates: shape (m, 4, 4)
 
     def per_deviation(self, rows: Floats) -> Floats:
         """Rows (m, 4) per coordinate across the orbit as rows (m, 4) per deviation of the state.
@@ -99,19 +94,14 @@ def coordinates(tangent: Floats, metric: Floats) -> tuple[Floats, Floats]:
 
 
 class Optimal(NamedTuple):
-    """The LQR at the m times of a `trajopt.feedback.orbit.Grid`, in coordinates of `Transverse`.
+    """The LQR at the m times of a `trajopt.feedback.orbit.Grid`, in coordinates of `Transverse`."""
 
-    Attributes:
-        gains: (r + B' P B)^-1 B' P A of the period that begins at a time, with its cost r of a
-            squared volt: volts per coordinate, shape (m, 4).
-        surface: (r + B' P B)^-1 B' P of the period that ends at a time: volts per coordinate,
-            shape (m, 4).
-        to_go: cost to go P, shape (m, 4, 4): y' to_go y.
-    """
-
+    # (r + B' P B)^-1 B' P A of the period that begins at a time, with its cost r of a squared volt:
+    # volts per coordinate, shape (m, 4)
     gains: Floats
+    # (r + B' P B)^-1 B' P of the period that ends at a time: volts per coordinate, shape (m, 4)
     surface: Floats
-    to_go: Floats
+    to_go: Floats  # cost to go P, shape (m, 4, 4): y' to_go y
 
 
 def riccati(transverse: Transverse, effort: float, ahead: float) -> Optimal:

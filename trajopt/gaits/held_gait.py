@@ -186,19 +186,12 @@ def _obstacle(replay: SteppedStride, stride: HeldStride) -> str:
 
 
 class HeldVoltages(NamedTuple):
-    """A stride under a clock.
+    """A stride under a clock."""
 
-    Attributes:
-        params: the machine.
-        hold: s.
-        voltages: of the intervals from one tick to the next (V), shape (ticks,).
-        theta_turns: whole turns that theta gains.
-    """
-
-    params: WheelParams
-    hold: float
-    voltages: Array
-    theta_turns: int
+    params: WheelParams  # the machine
+    hold: float  # s
+    voltages: Array  # of the intervals from one tick to the next (V), shape (ticks,)
+    theta_turns: int  # whole turns that theta gains
 
     @property
     def shift(self) -> Array:
@@ -208,22 +201,14 @@ class HeldVoltages(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SteppedStride:
-    """A stride on the kernel.
+    """A stride on the kernel."""
 
-    Attributes:
-        states: at the ticks, before any interval and after all, shape (ticks + 1, 4).
-        touchdown_times: of the last touchdown in each interval, from its start (s), or -1, shape
-            (ticks,).
-        touchdowns: how many in all.
-        ledger: of all intervals.
-        failure: of the interval that ended early, or `Failure.NONE`.
-    """
-
-    states: Array
+    states: Array  # at the ticks, before any interval and after all, shape (ticks + 1, 4)
+    # of the last touchdown in each interval, from its start (s), or -1, shape (ticks,)
     touchdown_times: Array
-    touchdowns: int
-    ledger: Ledger
-    failure: Failure
+    touchdowns: int  # how many in all
+    ledger: Ledger  # of all intervals
+    failure: Failure  # of the interval that ended early, or `Failure.NONE`
 
 
 def replayed(held: HeldVoltages, start: Array) -> SteppedStride:

@@ -48,19 +48,12 @@ SLACK = 1e-2
 
 @dataclasses.dataclass(frozen=True)
 class HeldOptimum:
-    """What IPOPT returned.
+    """What IPOPT returned."""
 
-    Attributes:
-        stride: the solution.
-        energy: of a stride by the program (J), idle left out.
-        success: whether IPOPT succeeded.
-        status: IPOPT's name for it.
-    """
-
-    stride: HeldStride
-    energy: float
-    success: bool
-    status: str
+    stride: HeldStride  # the solution
+    energy: float  # of a stride by the program (J), idle left out
+    success: bool  # whether IPOPT succeeded
+    status: str  # IPOPT's name for it
 
 
 class HeldLayout:
@@ -248,28 +241,21 @@ class IntervalEquations:
     """The functions of the program, and their bounds.
 
     The states of an element are its left end (4), the nodes inside (4 each) and its right end.
-
-    Attributes:
-        phase: the step of which intervals are parts.
-        whole: (states, V, slacks) -> (defects, path constraints, slacks less powers, phi at
-            `GUARDED_AT`), cost.
-        part: the same without phi, with the share of a touchdown after the slacks, and data
-            (a, b): the element's length is a + b share, in intervals.
-        touchdown: (state before, state after) -> (mismatch, constraints at touchdown), no cost.
-        slacks: how many.
-        whole_bounds: of the outputs of `whole`, (lower, upper).
-        part_bounds: of those of `part`.
-        touchdown_bounds: of the outputs of `touchdown`, theta's turns left out.
     """
 
-    phase: Phase
+    phase: Phase  # the step of which intervals are parts
+    # (states, V, slacks) -> (defects, path constraints, slacks less powers, phi at `GUARDED_AT`),
+    # cost
     whole: ca.Function
+    # the same without phi, with the share of a touchdown after the slacks, and data (a, b): the
+    # element's length is a + b share, in intervals
     part: ca.Function
+    # (state before, state after) -> (mismatch, constraints at touchdown), no cost
     touchdown: ca.Function
-    slacks: int
-    whole_bounds: tuple[Array, Array]
-    part_bounds: tuple[Array, Array]
-    touchdown_bounds: tuple[Array, Array]
+    slacks: int  # how many
+    whole_bounds: tuple[Array, Array]  # of the outputs of `whole`, (lower, upper)
+    part_bounds: tuple[Array, Array]  # of those of `part`
+    touchdown_bounds: tuple[Array, Array]  # of the outputs of `touchdown`, theta's turns left out
 
 
 @lru_cache(maxsize=8)

@@ -91,13 +91,10 @@ class Pattern:
 
     Every touchdown splits an interval. The one at the stride's end splits the same interval as the
     one at its start, so that the stride lasts a whole number of intervals.
-
-    Attributes:
-        hold: length of an interval (s).
-        whole: for every step, how many intervals lie between its two touchdowns, >= 0.
     """
 
-    hold: float
+    hold: float  # length of an interval (s)
+    # for every step, how many intervals lie between its two touchdowns, >= 0
     whole: tuple[int, ...]
 
     @classmethod
@@ -157,19 +154,13 @@ class Pattern:
 
 @dataclasses.dataclass(frozen=True)
 class HeldStride:
-    """A stride, or a guess of one.
+    """A stride, or a guess of one."""
 
-    Attributes:
-        pattern: in which intervals the touchdowns fall.
-        shares: how much of each split interval lies before its touchdown, shape (steps,).
-        voltages: of the intervals (V), shape (ticks,); the first is that in which the stride
-            begins and ends.
-        phases: the states, one phase per step; their controls do not count.
-    """
-
-    pattern: Pattern
-    shares: Array
+    pattern: Pattern  # in which intervals the touchdowns fall
+    shares: Array  # how much of each split interval lies before its touchdown, shape (steps,)
+    # of the intervals (V), shape (ticks,); the first is that in which the stride begins and ends
     voltages: Array
+    # the states, one phase per step; their controls do not count
     phases: tuple[PhaseTrajectory, ...]
 
     @classmethod

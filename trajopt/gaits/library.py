@@ -32,27 +32,16 @@ NEAR = 0.02
 
 
 class Entry(NamedTuple):
-    """A gait in the index.
+    """A gait in the index."""
 
-    Attributes:
-        name: of the gait's file in the archive.
-        params: the machine.
-        steps: touchdowns per stride.
-        theta_turns: whole turns that theta gains in a stride.
-        speed: m/s.
-        cot: cost of transport.
-        double_stance: whether it stops on two feet in every stride.
-        repeated: how many strides of the file make this one.
-    """
-
-    name: str
-    params: WheelParams
-    steps: int
-    theta_turns: int
-    speed: float
-    cot: float
-    double_stance: bool = False
-    repeated: int = 1
+    name: str  # of the gait's file in the archive
+    params: WheelParams  # the machine
+    steps: int  # touchdowns per stride
+    theta_turns: int  # whole turns that theta gains in a stride
+    speed: float  # m/s
+    cot: float  # cost of transport
+    double_stance: bool = False  # whether it stops on two feet in every stride
+    repeated: int = 1  # how many strides of the file make this one
 
     def load(self) -> Solution:
         """Read the gait."""

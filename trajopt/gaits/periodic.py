@@ -69,17 +69,11 @@ SHORT_SEARCH: dict[str, Any] = {"starts": 8, "shipped": 1}
 
 
 class Solved(NamedTuple):
-    """A gait of a problem on a fine mesh.
+    """A gait of a problem on a fine mesh."""
 
-    Attributes:
-        extremal: the optimum.
-        turns: whole turns of theta per stride.
-        search: of a gait that a search found: how many of how many starts met it.
-    """
-
-    extremal: Extremal
-    turns: int
-    search: dict[str, float]
+    extremal: Extremal  # the optimum
+    turns: int  # whole turns of theta per stride
+    search: dict[str, float]  # of a gait that a search found: how many of how many starts met it
 
 
 class NoGaitError(ValueError):

@@ -46,21 +46,14 @@ class GaitFamily:
 
     A random motion is solved with regeneration first, where the landscape is smoother: ten times as
     many become gaits.
-
-    Attributes:
-        params: the machine.
-        speed: m/s.
-        regeneration: whether the final objective is E, not E+.
-        problem: one problem of the family; those of all starts share its functions, in other
-            processes too.
-        starts: in order.
     """
 
-    params: WheelParams
-    speed: float
-    regeneration: bool
+    params: WheelParams  # the machine
+    speed: float  # m/s
+    regeneration: bool  # whether the final objective is E, not E+
+    # one problem of the family; those of all starts share its functions, in other processes too
     problem: Problem
-    starts: tuple[GaitStart, ...] = ()
+    starts: tuple[GaitStart, ...] = ()  # in order
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
         """Start number `index`."""

@@ -39,17 +39,11 @@ class GaitFileError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Optimality:
-    """How accurately a gait was solved for, and how well it meets first-order optimality.
+    """How accurately a gait was solved for, and how well it meets first-order optimality."""
 
-    Attributes:
-        mesh_error: largest estimated relative error of the states within an element.
-        hamiltonian_spread: see `trajopt.ocp.accuracy.Certificate`.
-        transversality_error: see there as well.
-    """
-
-    mesh_error: float
-    hamiltonian_spread: float
-    transversality_error: float
+    mesh_error: float  # largest estimated relative error of the states within an element
+    hamiltonian_spread: float  # see `trajopt.ocp.certificate.Certificate`
+    transversality_error: float  # see there as well
 
     @classmethod
     def from_extremal(cls, extremal: Extremal) -> Optimality:

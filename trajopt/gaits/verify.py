@@ -112,21 +112,13 @@ class Verification:
 
 
 class Span(NamedTuple):
-    """A step, or a part of one in which deviations grow by no more than `MOST_GROWTH`.
+    """A step, or a part of one in which deviations grow by no more than `MOST_GROWTH`."""
 
-    Attributes:
-        step: index of the step.
-        element: index of the span's first element in the step.
-        phase: the motion.
-        after: state at which the next span begins, shape (4,).
-        following: the step that follows, if the span ends its step.
-    """
-
-    step: int
-    element: int
-    phase: PhaseTrajectory
-    after: Array
-    following: PhaseTrajectory | None
+    step: int  # index of the step
+    element: int  # index of the span's first element in the step
+    phase: PhaseTrajectory  # the motion
+    after: Array  # state at which the next span begins, shape (4,)
+    following: PhaseTrajectory | None  # the step that follows, if the span ends its step
 
 
 def spans(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -> list[Span]:

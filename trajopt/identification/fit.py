@@ -229,39 +229,24 @@ def _scales(
 
 
 class _Pieces(NamedTuple):
-    """P pieces of a log, padded to the length of the longest.
+    """P pieces of a log, padded to the length of the longest."""
 
-    Attributes:
-        begins: index of the first sample of each, shape (P,).
-        inside: which samples exist, shape (P, length).
-        mode: shape (P,).
-        states: at the first samples, shape (P, 4).
-    """
-
-    begins: Any
-    inside: Any
-    mode: Any
-    states: Floats
+    begins: Any  # index of the first sample of each, shape (P,)
+    inside: Any  # which samples exist, shape (P, length)
+    mode: Any  # shape (P,)
+    states: Floats  # at the first samples, shape (P, 4)
 
 
 class _System(NamedTuple):
-    """The Gauss-Newton system of the parameters, in tolerances.
+    """The Gauss-Newton system of the parameters, in tolerances."""
 
-    Attributes:
-        information: of the log alone, without what was known before, shape (k, k).
-        gradient: of half the squares, shape (k,).
-        squares: of all residuals.
-        rms: of the residuals by channel.
-        compared: how many residuals there are.
-        back: by how much each piece's state changes: own step (P, 4), and per step of the
-            parameters (P, 4, k).
-    """
-
-    information: Floats
-    gradient: Floats
-    squares: float
-    rms: Floats
-    compared: int
+    information: Floats  # of the log alone, without what was known before, shape (k, k)
+    gradient: Floats  # of half the squares, shape (k,)
+    squares: float  # of all residuals
+    rms: Floats  # of the residuals by channel
+    compared: int  # how many residuals there are
+    # by how much each piece's state changes: own step (P, 4), and per step of the parameters (P, 4,
+    # k)
     back: tuple[Floats, Floats]
 
 

@@ -97,25 +97,21 @@ class Quality:
 
     Errors of states are relative to the scale of the state + its largest magnitude in the phase,
     violations to the scale of what is violated.
-
-    Attributes:
-        defect_error: the largest magnitude of the residual x' - flow(x, u), integrated from the
-            element's left edge, shape (M,).
-        step_error: difference at the right edge to an explicit 8th-order integration from the left
-            edge under the element's own control, shape (M,).
-        limit_violation: largest violation of a bound on a state or control, shape (M,).
-        path_violation: largest violation of each path constraint, shape (M, m).
-        cost_error: error of the program's quadrature of costs and integrals, relative to the
-            scale + the magnitude of the whole, shape (M,).
-        cost_gap: `Certificate.cost_gaps` + `limit_costs`, relative to the scale + the magnitude
-            of the cost, shape (M,).
     """
 
+    # the largest magnitude of the residual x' - flow(x, u), integrated from the element's left
+    # edge, shape (M,)
     defect_error: Array
+    # difference at the right edge to an explicit 8th-order integration from the left edge under the
+    # element's own control, shape (M,)
     step_error: Array
-    limit_violation: Array
-    path_violation: Array
+    limit_violation: Array  # largest violation of a bound on a state or control, shape (M,)
+    path_violation: Array  # largest violation of each path constraint, shape (M, m)
+    # error of the program's quadrature of costs and integrals, relative to the scale + the
+    # magnitude of the whole, shape (M,)
     cost_error: Array
+    # `Certificate.cost_gaps` + `limit_costs`, relative to the scale + the magnitude of the cost,
+    # shape (M,)
     cost_gap: Array
 
     @property

@@ -209,17 +209,11 @@ class _Follower:
 
 @dataclasses.dataclass(frozen=True)
 class Obstacle:
-    """Why a curve ends before its goal.
+    """Why a curve ends before its goal."""
 
-    Attributes:
-        value: of the parameter: the nearest to the curve that failed.
-        reason: in words.
-        attempt: the solution that failed; None where the problem's own bounds contradict each
-            other.
-    """
-
-    value: float
-    reason: str
+    value: float  # of the parameter: the nearest to the curve that failed
+    reason: str  # in words
+    # the solution that failed; None where the problem's own bounds contradict each other
     attempt: Extremal | None
 
 

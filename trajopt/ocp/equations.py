@@ -25,24 +25,16 @@ _START, _END = np.zeros(1), np.ones(1)  # fractions of a phase
 
 @dataclasses.dataclass(frozen=True)
 class Rows:
-    """Constraints of one kind.
+    """Constraints of one kind."""
 
-    Attributes:
-        kind: "differential equation", "path constraint", "slack", "integral", "start constraint",
-            "end constraint", "linkage", "total duration" or "boundary".
-        phase: index of the phase, -1 for the problem as a whole.
-        names: of the rows at one place; every place has the same.
-        fractions: where the places are, as fractions of the phase's duration.
-        degree: of the elements that the rows belong to, 0 if none.
-        count: how many rows there are in all.
-    """
-
+    # "differential equation", "path constraint", "slack", "integral", "start constraint", "end
+    # constraint", "linkage", "total duration" or "boundary"
     kind: str
-    phase: int
-    names: tuple[str, ...]
-    fractions: Array
-    degree: int
-    count: int
+    phase: int  # index of the phase, -1 for the problem as a whole
+    names: tuple[str, ...]  # of the rows at one place; every place has the same
+    fractions: Array  # where the places are, as fractions of the phase's duration
+    degree: int  # of the elements that the rows belong to, 0 if none
+    count: int  # how many rows there are in all
 
 
 @dataclasses.dataclass(frozen=True)

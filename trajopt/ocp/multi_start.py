@@ -72,27 +72,16 @@ StartFamily: TypeAlias = Callable[[np.random.Generator, int], Guess | Start]
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How one start ended.
+    """How one start ended."""
 
-    Attributes:
-        index: of the start.
-        kind: see `Start`.
-        cost: the objective of the nonlinear program.
-        phases: the last trajectory.
-        parameters: the static parameters.
-        iterations: of IPOPT, for all of the start's problems.
-        failure: in words; empty if it is a local optimum.
-        scales: along the trajectory.
-    """
-
-    index: int
-    kind: str
-    cost: float
-    phases: tuple[PhaseTrajectory, ...]
-    parameters: Array
-    iterations: int
-    failure: str
-    scales: Scales
+    index: int  # of the start
+    kind: str  # see `Start`
+    cost: float  # the objective of the nonlinear program
+    phases: tuple[PhaseTrajectory, ...]  # the last trajectory
+    parameters: Array  # the static parameters
+    iterations: int  # of IPOPT, for all of the start's problems
+    failure: str  # in words; empty if it is a local optimum
+    scales: Scales  # along the trajectory
 
     @cached_property
     def _samples(self) -> list[Array]:
@@ -121,15 +110,10 @@ Same: TypeAlias = Callable[[Outcome, Outcome], bool]
 
 @dataclasses.dataclass(frozen=True)
 class Optimum:
-    """A local optimum, and the starts that led to it.
+    """A local optimum, and the starts that led to it."""
 
-    Attributes:
-        best: the outcome of least cost; the first of those that tie.
-        starts: indices of all these starts, ascending.
-    """
-
-    best: Outcome
-    starts: tuple[int, ...]
+    best: Outcome  # the outcome of least cost; the first of those that tie
+    starts: tuple[int, ...]  # indices of all these starts, ascending
 
     @property
     def cost(self) -> float:

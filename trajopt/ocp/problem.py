@@ -39,8 +39,8 @@ from trajopt.ocp.constraints import (
 ROUNDING = 1e-12
 
 #: How far bounds at an end may lie outside those all along, relative to the largest bound of that
-#: state. Guards are imposed with such a margin.
-MARGIN = 1e-3
+#: state, or by rounding in absolute terms. Guards are imposed with such a margin.
+MARGIN, OUTSIDE = 1e-3, 1e-15
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,7 +193,7 @@ class Phase:
     def _require_ends_within(self, where: str) -> None:
         along, ends = self.state_bounds(), {e: self.state_bounds(e) for e in ("start", "end")}
         sizes = np.abs([*along, *ends["start"], *ends["end"]])
-        room = MARGIN * np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0)
+        room = MARGIN * np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0) + OUTSIDE
         for end, (lower, upper) in ends.items():
             gap = np.maximum(lower - along[1], along[0] - upper)
             for name, outside, most in zip(self.states, gap, room, strict=True):

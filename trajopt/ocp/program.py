@@ -23,19 +23,12 @@ from trajopt.ocp.arrays import Array, Indices
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """One function applied many times.
+    """One function applied many times."""
 
-    Attributes:
-        function: (v, d) -> (outputs, cost), traced with SX symbols.
-        variables: indices into w, shape (len(v), count).
-        rows: indices into g, shape (len(outputs), count).
-        data: the constants, shape (len(d), count).
-    """
-
-    function: ca.Function
-    variables: Indices
-    rows: Indices
-    data: Array
+    function: ca.Function  # (v, d) -> (outputs, cost), traced with SX symbols
+    variables: Indices  # indices into w, shape (len(v), count)
+    rows: Indices  # indices into g, shape (len(outputs), count)
+    data: Array  # the constants, shape (len(d), count)
 
     @property
     def count(self) -> int:
@@ -45,16 +38,13 @@ class Block:
 
 @dataclasses.dataclass(frozen=True)
 class Program:
-    """A nonlinear program as `casadi.nlpsol` takes it.
+    """A nonlinear program as `casadi.nlpsol` takes it."""
 
-    Attributes:
-        symbols: of the unknowns "x", the parameters "p" (none but scales), the cost "f" and the
-            constraints "g".
-        derivatives: functions of x, p and the multipliers of f and g, by name: "grad_f", "jac_g"
-            and "hess_lag" (the upper triangle); options of `casadi.nlpsol`.
-    """
-
+    # of the unknowns "x", the parameters "p" (none but scales), the cost "f" and the constraints
+    # "g"
     symbols: dict[str, Any]
+    # functions of x, p and the multipliers of f and g, by name: "grad_f", "jac_g" and "hess_lag"
+    # (the upper triangle); options of `casadi.nlpsol`
     derivatives: dict[str, ca.Function]
 
 

@@ -73,19 +73,14 @@ _SEARCHED = np.linspace(0.0, 1.0, 101)
 
 @dataclasses.dataclass(frozen=True)
 class Tolerances:
-    """What a mesh has to meet.
+    """What a mesh has to meet."""
 
-    Attributes:
-        states: largest relative error of the states within an element.
-        cost: largest error of the cost within an element, relative to its scale + |cost|.
-        limits: largest relative violation of bounds and path constraints between the nodes.
-        hamiltonian: largest relative change of the Hamiltonian over an element.
-    """
-
-    states: float = 1e-7
+    states: float = 1e-7  # largest relative error of the states within an element
+    # largest error of the cost within an element, relative to its scale + |cost|
     cost: float = 1e-6
+    # largest relative violation of bounds and path constraints between the nodes
     limits: float = 1e-6
-    hamiltonian: float = 1e-3
+    hamiltonian: float = 1e-3  # largest relative change of the Hamiltonian over an element
 
 
 def refined(

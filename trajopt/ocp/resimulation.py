@@ -94,19 +94,12 @@ def resimulate(
 
 
 class Piece(NamedTuple):
-    """An element, or a part of one, that is simulated at once.
+    """An element, or a part of one, that is simulated at once."""
 
-    Attributes:
-        element: its index.
-        begin: when it begins (s).
-        end: when it ends (s).
-        anew: whether the simulation is begun again at its begin.
-    """
-
-    element: int
-    begin: float
-    end: float
-    anew: bool = False
+    element: int  # its index
+    begin: float  # when it begins (s)
+    end: float  # when it ends (s)
+    anew: bool = False  # whether the simulation is begun again at its begin
 
 
 def _divided(

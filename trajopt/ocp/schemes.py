@@ -22,29 +22,19 @@ class Scheme:
 
     Between the nodes, the state is the integral of the polynomial through the rates at the nodes
     that A uses. The control is another polynomial.
-
-    Attributes:
-        nodes: where states are unknowns, in [0, 1], the first 0 and the last 1, shape (n,).
-        D: shape (r, n); r rows of defects per state.
-        A: shape (r, n); the flow is not used at nodes whose column is zero.
-        quadrature: weights of the nodes for integrals over [0, 1], shape (n,).
-        control_nodes: m nodes of the control polynomial, in [0, 1].
-        control_basis: control at `nodes` from its m coefficients, shape (n, m).
-        control_values: control at `control_nodes` from its coefficients, shape (m, m).
-        shared_controls: whether neighbours share the coefficients at their common edge, so that
-            the control is continuous; otherwise it may jump there.
-        order: of the states' error at the elements' edges, on smooth problems.
     """
 
-    nodes: Array
-    D: Array
-    A: Array
-    quadrature: Array
-    control_nodes: Array
-    control_basis: Array
-    control_values: Array
+    nodes: Array  # where states are unknowns, in [0, 1], the first 0 and the last 1, shape (n,)
+    D: Array  # shape (r, n); r rows of defects per state
+    A: Array  # shape (r, n); the flow is not used at nodes whose column is zero
+    quadrature: Array  # weights of the nodes for integrals over [0, 1], shape (n,)
+    control_nodes: Array  # m nodes of the control polynomial, in [0, 1]
+    control_basis: Array  # control at `nodes` from its m coefficients, shape (n, m)
+    control_values: Array  # control at `control_nodes` from its coefficients, shape (m, m)
+    # whether neighbours share the coefficients at their common edge, so that the control is
+    # continuous; otherwise it may jump there
     shared_controls: bool
-    order: int
+    order: int  # of the states' error at the elements' edges, on smooth problems
 
     @property
     def collocated(self) -> Indices:

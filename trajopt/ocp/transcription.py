@@ -53,38 +53,27 @@ INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """What IPOPT returned.
+    """What IPOPT returned."""
 
-    Attributes:
-        phases: the trajectory, phase by phase.
-        parameters: the static parameters.
-        cost: the objective of the program.
-        success: whether IPOPT succeeded.
-        status: IPOPT's name for how it ended.
-        iterations: of IPOPT.
-        may_be_saddle: whether it need not be a minimum: IPOPT never moved, or met negative
-            curvature in its last step.
-        violations: the most violated constraint of each kind, worst first, none below 1e-9.
-        scales: of the program: `cost`, `unknowns` and all else are in the problem's units, but
-            IPOPT worked on numbers relative to these.
-        largest: magnitude of an unknown, relative to its scale.
-        unknowns: of the program.
-        multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
-        bound_multipliers: of the bounds on the unknowns, likewise.
-    """
-
-    phases: tuple[PhaseTrajectory, ...]
-    parameters: Array
-    cost: float
-    success: bool
-    status: str
-    iterations: int
+    phases: tuple[PhaseTrajectory, ...]  # the trajectory, phase by phase
+    parameters: Array  # the static parameters
+    cost: float  # the objective of the program
+    success: bool  # whether IPOPT succeeded
+    status: str  # IPOPT's name for how it ended
+    iterations: int  # of IPOPT
+    # whether it need not be a minimum: IPOPT never moved, or met negative curvature in its last
+    # step
     may_be_saddle: bool
+    # the most violated constraint of each kind, worst first, none below 1e-9
     violations: tuple[Violation, ...]
+    # of the program: `cost`, `unknowns` and all else are in the problem's units, but IPOPT worked
+    # on numbers relative to these
     scales: Scales = dataclasses.field(repr=False)
-    largest: float
-    unknowns: Array = dataclasses.field(repr=False)
+    largest: float  # magnitude of an unknown, relative to its scale
+    unknowns: Array = dataclasses.field(repr=False)  # of the program
+    # of its constraints; the Lagrangian is cost + multipliers . constraints
     multipliers: Array = dataclasses.field(repr=False)
+    # of the bounds on the unknowns, likewise
     bound_multipliers: Array = dataclasses.field(repr=False)
 
 

@@ -181,7 +181,6 @@ def section(name: str, front: CotFront) -> str:
         "speed (m/s)": [f"{round(g.speed, 4):g}" for g in gaits],
         "CoT": [f"{g.cot:.5f}" for g in gaits],
         "above the bound": [f"{g.cot / g.cot_bound - 1:.1%}" if g.cot_bound else "" for g in gaits],
-        "power (W)": [f"{g.cot * g.speed * g.params.weight:.3g}" for g in gaits],
         "steps": [f"{g.steps}" for g in gaits],
         "turns": [f"{g.theta_turns}" for g in gaits],
         "hull": [
@@ -196,18 +195,14 @@ def section(name: str, front: CotFront) -> str:
         f"![The front of {name}]({figure_file(name)})",
         table(list(filled), rows),
     ]
-    costs = [_costs(front, most) for most in WINDOWS]
+    every, costs = _costs(front, WINDOWS[-1]), [_costs(front, most) for most in WINDOWS[:-1]]
     windows = [
-        [
-            f"{speed:g}",
-            *(f"{of[speed]:.5f}" for of in costs),
-            f"{least:.5f}",
-        ]
-        for (speed, cot), least in zip(_costs(front, max(WINDOWS)).items(), infimum, strict=True)
+        [f"{speed:g}", *(f"{of[speed]:.5f}" for of in costs)]
+        for speed, cot in every.items()
         if speed in costs[0] and clearly_less(cot, costs[0][speed])
     ]
     if windows:
-        head = ["speed (m/s)", *(f"up to {most} steps" for most in WINDOWS), "hull"]
+        head = ["speed (m/s)", *(f"up to {most} steps" for most in WINDOWS[:-1])]
         parts.append(table(head, windows))
     return "\n\n".join(parts) + "\n"
 

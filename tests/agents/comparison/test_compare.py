@@ -94,9 +94,7 @@ def test_a_folder_of_another_study_or_a_file_is_refused(tmp_path: Path) -> None:
     ("settings", "error", "message"),
     [
         ({"preset": "x"}, ValueError, "unknown preset 'x': choose from"),
-        ({"steps": 1.5}, TypeError, "steps = 1.5"),
         ({"front": (0.6, 0.5)}, ValueError, "front = .*least"),
-        ({"front_steps": ()}, ValueError, "one or more numbers of steps"),
         ({"further": (0.621,)}, ValueError, "stand for the same gait"),
     ],
 )

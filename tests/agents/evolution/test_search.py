@@ -131,17 +131,6 @@ def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best():
         assert (one.score > 0.0) == (gait is not NO_WALK)
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"trial": 0}, ValueError, "trial = 0: must be an integer of at least 1"),
-    ],
-)
-def test_settings_that_cannot_work_are_refused(changes, error, message):
-    with pytest.raises(error, match=message):
-        dataclasses.replace(SETTINGS, **changes)
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A training that nothing disturbed; not to be changed."""

@@ -90,15 +90,3 @@ def test_a_monitor_below_counts_control_intervals_and_one_above_decisions():
             assert exact["r"] == pytest.approx(seen["r"], rel=1e-5)
             assert seen["l"] == -(-exact["l"] // 4)
     assert sum(first) > 3
-
-
-@pytest.mark.parametrize(
-    ("wrapper", "arguments", "error", "message"),
-    [
-        (HeldActions, {"intervals": 2.5}, TypeError, r"intervals = 2\.5: must be"),
-        (HeldActions, {"intervals": 0}, ValueError, "intervals = 0"),
-    ],
-)
-def test_arguments_of_wrappers_are_checked(wrapper, arguments, error, message):
-    with pytest.raises(error, match=message):
-        made((wrapper, arguments), n=1)

@@ -117,14 +117,11 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
     [
         (Task, {"slip_penalty": -1}, ValueError, "slip_penalty = -1.0: must be at least 0"),
         (Task, {"distance_weight": "1"}, TypeError, "distance_weight = '1': must be a real number"),
-        (Task, {"target_speed": 0}, ValueError, "target_speed = 0.0: must be greater than 0"),
         (Task, {"target_speed": 1e31}, ValueError, "target_speed = .*: must be finite, and at"),
         (Starts, {"rest": 0, "moving": 0}, ValueError, "one of the shares must be greater than 0"),
         (Pushes, {"rate": 1.0, "impulse": (2, 1)}, ValueError, "impulse = .*: must be in order"),
-        (SensorNoise, {"pendulum_angle": 1e18}, ValueError, r"angle = 1e\+18: must be at most"),
         (Terrain, {"slope_std": 1.5}, ValueError, "slope_std = 1.5: .* 0.2 rad; give radians, not"),
         (Disturbances, {"sensor_noise": {"leg": 1}}, ValueError, "'leg' .*choose from .*leg_angle"),
-        (Disturbances, {"actuator_delay": (3, 1)}, ValueError, "actuator_delay = .* in order"),
         (Ranges, {"bounds": {"slope": (0.1, -0.1)}}, ValueError, "slope = .*: must be in order"),
     ],
 )
@@ -140,13 +137,9 @@ def test_each_class_of_arguments_names_value_limit_and_remedy(
     ("arguments", "error", "message"),
     [
         ({"params": "CONCRETE"}, ValueError, "'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"),
-        ({"params": {"armature_resistance": 1e-6}}, ValueError, "motor damps"),
         ({"params": 3}, TypeError, "params = 3: give a WheelParams, a preset's name or a dict"),
-        ({"task": "walk"}, TypeError, "task = 'walk': give a rimless_gym.Task or a dictionary"),
-        ({"ranges": "slope"}, TypeError, "ranges = 'slope': give a mapping"),
         ({"ranges": {"armature_resistance": (1e-6, 5)}}, ValueError, "motor damps"),
         ({"disturbances": [1]}, TypeError, r"disturbances = \[1\]: give a rimless_gym.Dist"),
-        ({"starts": 1.0}, TypeError, "starts = 1.0: give a rimless_gym.Starts or a dictionary"),
         ({"control_period": 0.015}, ValueError, "control_period = 0.015 s: .* from 0.01 to 0.1"),
         ({"actions": "torque"}, ValueError, r"actions = 'torque': choose from \('voltage', 'curr"),
         ({"render_mode": "ascii"}, ValueError, "render_mode = 'ascii': choose from"),
@@ -164,7 +157,6 @@ def test_an_environment_names_value_limit_and_remedy(
     [
         ({"num_envs": 0}, ValueError, "num_envs = 0: must be an integer of at least 1"),
         ({"max_episode_steps": math.nan}, TypeError, "max_episode_steps = nan: must be an integer"),
-        ({"max_episode_steps": -2}, ValueError, "max_episode_steps = -2: must be an integer"),
         ({"params": [PROTOTYPE] * 3, "num_envs": 2}, ValueError, "params: 3 for 2 rows"),
     ],
 )
@@ -184,7 +176,6 @@ def test_minus_one_is_no_limit_as_in_gym_make() -> None:
     ("arguments", "error", "message"),
     [
         ({"speeds": (0.6, 0.3)}, ValueError, "must be in order"),
-        ({"speeds": (0.0, 0.3)}, ValueError, "greater than 0 and at most 2 m/s"),
         ({"speeds": (0.3, 0.4, 0.5)}, ValueError, "give one number, or 2"),
         ({"task": {"target_speed": 0.5}}, ValueError, "the command takes its place"),
     ],
@@ -206,15 +197,10 @@ OPTIONS = [
         r"no voltage from -20 to 20 V .* largest force is -.* greater than 0: give a slower",
     ),
     ({"state": [1.5, -1e17, 0, 0]}, ValueError, r"theta = -1e\+17: .* modulo 2 pi"),
-    ({"state": [1.5, 0, math.nan, 0]}, ValueError, "four finite numbers"),
-    ({"state": [[1.5, 0, 0, 0], [1.5]]}, ValueError, "rows of one length"),
     ({"state": np.zeros((2, 4))}, ValueError, "state: 2 for . rows, must be one per row"),
     (STATE | {"mode": "flying"}, ValueError, "mode = 'flying'"),
-    (STATE | {"mode": ["single_stance"] * 2}, ValueError, "mode: 2 for . rows"),
     ({"mode": "single_stance"}, ValueError, "give 'double_stance'.*single_stance.*with a 'state'"),
-    ({"mode": "double"}, ValueError, "'mode' = 'double': give 'double_stance'.*'single_stance'"),
     ({"params": [THESIS_PHYSICAL] * 2}, ValueError, "params: 2 for . rows"),
-    ({"task": [Task()] * 2}, ValueError, "task: 2 for . rows"),
     ({"task": {"fall_penalty": -1.0}}, ValueError, "fall_penalty = -1.0: must be at least 0"),
 ]
 SEEDS = [(2.5, TypeError), (True, TypeError), ("7", TypeError), (-1, ValueError)]
@@ -258,7 +244,6 @@ def test_refused_options_and_seeds_are_named_and_change_nothing(n: int | None) -
     ("action", "error"),
     [
         (None, TypeError),
-        ("full speed", TypeError),
         (np.array([0.5 + 0j]), TypeError),
         ([[0.5], [0.1, 0.2]], ValueError),
         (np.zeros(2, np.float32), ValueError),

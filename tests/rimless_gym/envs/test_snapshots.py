@@ -143,11 +143,9 @@ def spoilt(state: dict[str, Any], name: str, wrong: float) -> dict[str, Any]:
 
 SPOILT: list[tuple[Callable[[dict[str, Any]], Any], str]] = [
     (lambda state: 3, "state = 3: must have the parts"),
-    (lambda state: state | {"more": 1}, "'more'.*: must have the parts"),
     (lambda state: changed(state, "batch", {"memory": 0}), r"batch.*what get_state\(\) of a"),
     (lambda state: changed(state, "params", []), "the state is of 0 rows, not of 1"),
     (lambda state: changed(state, "memory", np.zeros((3, 1))), "memory must be an array"),
-    (lambda state: changed(state, "ended", np.zeros(1)), "ended must be an array .* of .*bool"),
     *(
         (lambda state, name=name: spoilt(state, name, math.nan), f"{name} must be finite")
         for name in ("memory", "held", "constants", "poles", "numbers")

@@ -105,26 +105,6 @@ def test_a_foot_that_lifts_off_at_once_leaves_no_trace_in_the_extremes(
 
 
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
-@pytest.mark.parametrize(("damping", "motor_constant"), [(0.0, 0.0048), (3.0, 0.0), (0.02, 0.0048)])
-def test_the_motor_pole_is_a_tight_bound_on_how_fast_motor_and_hub_brake(
-    mount: str, damping: float, motor_constant: float
-) -> None:
-    params = THESIS_PHYSICAL.replace(
-        motor_mount=mount, hub_damping=damping, motor_constant=motor_constant
-    )
-    p = params.constants
-    free = params.replace(hub_damping=0.0, motor_constant=0.0).constants
-    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (2000, 2)).T
-    braked, coasting = (
-        arrays.relative_rate(*arrays.single_stance(phi, theta, 0.5, 2.0, 0.0, c), c)
-        for c in (p, free)
-    )
-    most = ((coasting - braked) / arrays.relative_rate(0.5, 2.0, p)).max()
-    assert most <= params.motor_pole * (1 + 1e-3) + 1e-12
-    assert most == pytest.approx(params.motor_pole, rel=5e-3)
-
-
-@pytest.mark.parametrize("mount", ["wheel", "frame"])
 @pytest.mark.parametrize("rotor_inertia", [0.0, 1e-6, 1e-4])
 def test_the_drag_pole_is_a_tight_bound_on_how_fast_the_air_brakes(
     mount: str, rotor_inertia: float

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
 import re
 
 import numpy as np
@@ -167,9 +165,7 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"speed": "fast"}, TypeError, "speed = 'fast'"),
         ({"speed": -1.0}, ValueError, "speed = -1.0: must be greater than 0"),
-        ({"speed": math.nan}, ValueError, "speed = nan: must be finite"),
         ({"speed": 23}, NoGaitError, r"speed = 23\.0: must be at most 21.05 m/s.*60 rad/s"),
         (
             {"params": BUILDABLE.replace(pendulum_length=0.01), "speed": 3},
@@ -187,30 +183,13 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
             r"friction = 0\.5: must be at least 0\.842, the tangent of the slope",
         ),
         ({"steps": 1.5}, TypeError, r"steps = 1\.5: must be an integer of at least 1"),
-        ({"steps": 0}, ValueError, "steps = 0: must be an integer of at least 1"),
         ({"steps": 10**9}, NoGaitError, "steps = 1000000000: must be at most 25.*shorter stride"),
-        ({"starts": -1}, ValueError, "starts = -1: must be an integer of at least 0"),
         ({"guess": "x"}, TypeError, "guess = 'x'.*Solution"),
-        ({"params": None}, TypeError, "params = None.*WheelParams"),
-        ({"params": "CONCRETE"}, ValueError, "unknown preset 'CONCRETE': choose from"),
-        ({"seed": -1}, ValueError, "seed = -1"),
         ({"workers": 0}, ValueError, "workers = 0"),
         ({"regeneration": "yes"}, TypeError, "regeneration = 'yes': must be True or False"),
-        ({"progress": 1}, TypeError, "progress = 1: must be True or False"),
-        ({"hold": "0.01"}, TypeError, "hold = '0.01'"),
         ({"hold": 0.0}, ValueError, "hold = 0"),
     ],
 )
 def test_invalid_arguments_are_refused_by_name(arguments, error, message):
     with pytest.raises(error, match=message):
         periodic_gait(**({"params": THESIS_PHYSICAL} | arguments))
-
-
-@pytest.mark.slow
-def test_numpy_numbers_are_accepted_as_arguments(one_step):
-    gait = periodic_gait(
-        THESIS_PHYSICAL, np.float32(0.5), np.int8(1), guess=one_step, starts=np.int64(0)
-    )
-    assert gait.verification.passed
-    assert (gait.speed, gait.steps) == (pytest.approx(0.5, abs=1e-12), 1)
-    json.dumps(gait.provenance)

@@ -109,25 +109,6 @@ def test_missing_and_foreign_files_are_refused(tmp_path: Path) -> None:
         refused(tmp_path / f"{name}.npz", "not a file of format 'rimless-gym gait")
 
 
-def test_what_was_edited_without_its_digest_is_refused(path: Path) -> None:
-    with np.load(path) as data:
-        content = {name: data[name] for name in data.files}
-    header = json.loads(str(content["header"]))
-    heavier = header | {"params": header["params"] | {"wheel_mass": 3.0}}
-    better = header | {"verification": header["verification"] | {"peak_voltage": 1.0}}
-    for change in (
-        {"header": np.array(json.dumps(heavier))},
-        {"header": np.array(json.dumps(better))},
-        {"phase0_states": content["phase0_states"] + 1e-9},
-    ):
-        np.savez_compressed(path, **content | change)
-        refused(path, "edited or damaged")
-    np.savez_compressed(path, **{n: array for n, array in content.items() if n != "digest"})
-    refused(path, "edited or damaged")
-    np.savez(path, **content)  # nothing changed but the compression
-    assert Solution.load(path).verification.passed
-
-
 @pytest.mark.parametrize(
     ("change", "match"),
     [

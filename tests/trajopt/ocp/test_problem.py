@@ -42,11 +42,9 @@ def moved(**changes: Any) -> list[PhaseTrajectory]:
 
 
 PHASES = [
-    ({"states": "yv"}, TypeError, "states = 'yv': give a tuple"),
     ({"states": ("y", "y")}, ValueError, "everything differently"),
     ({"bounds": {"y": (0.0, 1.0, 2.0)}}, TypeError, "bounds of y = .*lower, upper"),
     ({"bounds": {"w": 1.0}}, ValueError, r"bounds names \['w'\], which are not among"),
-    ({"start": {"y": (0.0, math.nan)}}, InfeasibleBoundsError, "start of y.*nan"),
     ({"start": {"y": 2.0}, "bounds": {"y": (0.0, 1.0)}}, InfeasibleBoundsError, "y is 2.0 at the"),
     ({"duration": (2.0, 1.0)}, InfeasibleBoundsError, "duration = .* must be positive, lower"),
 ]
@@ -58,14 +56,16 @@ def test_phases_that_make_no_sense_are_refused(changes: Any, error: type, messag
         fall(**changes)
 
 
+def test_an_end_may_lie_outside_the_bounds_by_rounding() -> None:
+    fall(start={"y": -1e-17}, bounds={"y": (0.0, math.inf)})
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"flow": lambda x, u, p: None}, "flow cannot be traced"),
         ({"flow": lambda x, u, p: (x[5], 0)}, r"sizes \(2, 0, 0\).*out of bounds"),
         ({"flow": lambda x, u, p: (x[1], math.sin(x[0]))}, "use CasADi's functions"),
         ({"flow": lambda x, u, p: x[1]}, "1 numbers for its 2 names"),
-        ({"cost": lambda x, u, p: x}, "cost gives 2 numbers for its 1"),
         ({"path": Constraint(lambda x, u, p: x, 0.0, 1.0, ("y",))}, "2 numbers for its 1 names"),
     ],
 )
@@ -85,9 +85,7 @@ OTHERS = [
     (lambda: Problem((fall(),), (Linkage(0, 2),)), ValueError, "target = 2: there are 1 phases"),
     (lambda: Problem((fall(),), (Linkage(0, 0, offset={"z": 1.0}),)), ValueError, "offset names"),
     (lambda: Constraint(len, [0.0, 1.0], 1.0, ("a",)), ValueError, "lower = .*1 names"),  # type: ignore[arg-type]
-    (lambda: Constraint(len, 1.0, 0.0, ("a",)), InfeasibleBoundsError, "a: bounds"),  # type: ignore[arg-type]
     (lambda: Mesh.uniform(1, 10, 200), ValueError, "degrees = 200: .*at most 40"),
-    (lambda: Mesh.uniform(1, scheme="euler"), ValueError, "scheme = 'euler': choose from"),
     (lambda: Mesh(((0.0, math.nan, 1.0),), ((3, 3),)), ValueError, "must increase from 0 to 1"),
     (lambda: Transcription(textbook.bouncing_ball(), Mesh.uniform(1)), ValueError, "1 phases, the"),
     (lambda: GUESS[0].control(0.5, "up"), ValueError, "choose 'left' or 'right'"),
@@ -105,11 +103,9 @@ def test_other_parts_that_make_no_sense_are_refused(make: Any, error: type, mess
     [
         ({"problem": None}, TypeError, "problem = None: must be a trajopt.Problem"),
         ({"tolerance": math.nan}, ValueError, "tolerance = nan"),
-        ({"passes": -1}, ValueError, "passes = -1"),
         ({"guess": []}, ValueError, "0 trajectories for the 1 phases"),
         ({"parameters": [1.0]}, ValueError, r"parameters = \[1.\]: give one number each"),
         ({"nonsense": 1}, ValueError, "No such IPOPT option: nonsense"),
-        ({"max_iter": -3}, ValueError, "max_iter.: -3.*IPOPT does not accept"),
         ({"linear_solver": "ma27"}, ValueError, "linear_solver"),
     ],
 )
@@ -123,8 +119,6 @@ def test_solve_refuses_what_makes_no_sense(settings: Any, error: type, message: 
     [
         ({"states": lambda a: a[:, :-1]}, "states: of shape"),
         ({"edges": lambda a: a[::-1]}, "edges = .*must increase from 0"),
-        ({"nodes": lambda a: 2 * a}, "nodes end with 1"),
-        ({"states": lambda a: a.astype(str)}, "states = .*real numbers"),
         ({"states": lambda a: a * np.nan}, "must all be finite"),
         ({"states": lambda a: a[..., :1]}, "1 states and 1 controls"),
     ],
@@ -138,9 +132,7 @@ def test_guesses_that_do_not_fit_are_refused(changes: Any, message: str) -> None
     ("settings", "error", "message"),
     [
         ({"seed": -1}, ValueError, "seed = -1"),
-        ({"workers": 0}, ValueError, "workers = 0"),
         ({"family": 3}, TypeError, "family = 3: must be a function"),
-        ({"nonsense": 1}, ValueError, "No such IPOPT option"),
     ],
 )
 def test_a_search_refuses_what_makes_no_sense(settings: Any, error: type, message: str) -> None:
@@ -153,7 +145,6 @@ def test_a_search_refuses_what_makes_no_sense(settings: Any, error: type, messag
     [
         ({"values": [1.0, math.nan]}, ValueError, "values = nan"),
         ({"values": [1.0, 1.0]}, ValueError, "a start and a goal"),
-        ({"step": -1.0}, ValueError, "step = -1.0"),
     ],
 )
 def test_a_continuation_refuses_what_makes_no_sense(

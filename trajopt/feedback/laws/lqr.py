@@ -34,25 +34,15 @@ AHEAD = 0.03
 
 
 class LqrGains(NamedTuple):
-    """What the law needs.
+    """What the law needs."""
 
-    Attributes:
-        orbit: the gait's.
-        voltages: on the gait (V), at its nodes, shape (n,).
-        gentle: gains on the gait, volts per deviation at its nodes, shape (n, 4).
-        firm: gains away from it, shape (n, 4).
-        timing: volts per second by which the gait is ahead of its clock, shape (n,).
-        clock: the gait's.
-        blend: see `BLEND`.
-    """
-
-    orbit: Orbit
-    voltages: Floats
-    gentle: Floats
-    firm: Floats
-    timing: Floats
-    clock: Clock
-    blend: float
+    orbit: Orbit  # the gait's
+    voltages: Floats  # on the gait (V), at its nodes, shape (n,)
+    gentle: Floats  # gains on the gait, volts per deviation at its nodes, shape (n, 4)
+    firm: Floats  # gains away from it, shape (n, 4)
+    timing: Floats  # volts per second by which the gait is ahead of its clock, shape (n,)
+    clock: Clock  # the gait's
+    blend: float  # see `BLEND`
 
 
 def design(solution: Solution, gentle: float = GENTLE, ahead: float | None = AHEAD) -> Law:

@@ -80,37 +80,22 @@ class Lookahead(NamedTuple):
     """What the law needs.
 
     What a motion near a gait costs is in squared standard deviations of the gait's motion.
-
-    Attributes:
-        orbit: the gait's.
-        gains: the LQR's.
-        stage: weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4).
-        final: the same for all the time after the horizon, shape (n, 4, 4).
-        tangent: rates of the state along the orbit, shape (n, 4).
-        voltage_slope: derivatives of the gait's voltage at the nearest point by the state, shape
-            (n, 4).
-        normal: least normal force (N) without a penalty.
-        friction: largest friction demand without a penalty.
-        lifting: residual per newton.
-        kernel: address of the stepping kernel, which only this process knows.
-        constants: of the stepping kernel, shape (N_CONSTANTS, 1).
-        poles: of the stepping kernel, shape (1,).
-        horizon: control intervals.
     """
 
-    orbit: Orbit
-    gains: lqr.LqrGains
-    stage: Floats
-    final: Floats
-    tangent: Floats
+    orbit: Orbit  # the gait's
+    gains: lqr.LqrGains  # the LQR's
+    stage: Floats  # weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4)
+    final: Floats  # the same for all the time after the horizon, shape (n, 4, 4)
+    tangent: Floats  # rates of the state along the orbit, shape (n, 4)
+    # derivatives of the gait's voltage at the nearest point by the state, shape (n, 4)
     voltage_slope: Floats
-    normal: float
-    friction: float
-    lifting: float
-    kernel: int
-    constants: Floats
-    poles: Floats
-    horizon: int
+    normal: float  # least normal force (N) without a penalty
+    friction: float  # largest friction demand without a penalty
+    lifting: float  # residual per newton
+    kernel: int  # address of the stepping kernel, which only this process knows
+    constants: Floats  # of the stepping kernel, shape (N_CONSTANTS, 1)
+    poles: Floats  # of the stepping kernel, shape (1,)
+    horizon: int  # control intervals
 
     def __reduce__(self) -> Any:
         """Refuse to leave this process."""
@@ -147,45 +132,27 @@ def design(solution: Solution) -> Law:
 
 
 class Motion(NamedTuple):
-    """Motions over a horizon of N intervals, `LANES` side by side.
+    """Motions over a horizon of N intervals, `LANES` side by side."""
 
-    Attributes:
-        states: shape (N + 1, STATE_SIZE, LANES).
-        nominal: the gait's voltages at the nearest points (V), shape (N + 1, LANES).
-        shifts: what is added to them (V), shape (N, LANES).
-        residuals: of the intervals, shape (N, RESIDUALS, LANES).
-        costs: shape (LANES,); infinite where the simulator stops.
-    """
-
-    states: Any
-    nominal: Any
-    shifts: Any
-    residuals: Any
-    costs: Any
+    states: Any  # shape (N + 1, STATE_SIZE, LANES)
+    nominal: Any  # the gait's voltages at the nearest points (V), shape (N + 1, LANES)
+    shifts: Any  # what is added to them (V), shape (N, LANES)
+    residuals: Any  # of the intervals, shape (N, RESIDUALS, LANES)
+    costs: Any  # shape (LANES,); infinite where the simulator stops
 
 
 class Slopes(NamedTuple):
-    """Derivatives by the state and the shift (the last column) along a motion.
+    """Derivatives by the state and the shift (the last column) along a motion."""
 
-    Attributes:
-        states: of the next state, shape (N, 4, 5).
-        residuals: shape (N, RESIDUALS, 5).
-    """
-
-    states: Any
-    residuals: Any
+    states: Any  # of the next state, shape (N, 4, 5)
+    residuals: Any  # shape (N, RESIDUALS, 5)
 
 
 class Change(NamedTuple):
-    """A change of the shifts over N intervals.
+    """A change of the shifts over N intervals."""
 
-    Attributes:
-        changes: (V), shape (N,).
-        gains: volts per deviation from the motion so far, shape (N, 4).
-    """
-
-    changes: Any
-    gains: Any
+    changes: Any  # (V), shape (N,)
+    gains: Any  # volts per deviation from the motion so far, shape (N, 4)
 
 
 @inner

@@ -43,27 +43,16 @@ AHEAD = 0.05
 
 
 class Surface(NamedTuple):
-    """What the law needs.
+    """What the law needs."""
 
-    Attributes:
-        orbit: the gait's.
-        now: sigma per deviation at its nodes (V), shape (n, 4).
-        later: sigma a period later under V*, per deviation now, shape (n, 4).
-        timing_now: sigma per second by which the gait is ahead of its clock, shape (n,).
-        timing_later: the same a period later, shape (n,).
-        reach: V.
-        layer: V.
-        clock: the gait's.
-    """
-
-    orbit: Orbit
-    now: Floats
-    later: Floats
-    timing_now: Floats
-    timing_later: Floats
-    reach: float
-    layer: float
-    clock: Clock
+    orbit: Orbit  # the gait's
+    now: Floats  # sigma per deviation at its nodes (V), shape (n, 4)
+    later: Floats  # sigma a period later under V*, per deviation now, shape (n, 4)
+    timing_now: Floats  # sigma per second by which the gait is ahead of its clock, shape (n,)
+    timing_later: Floats  # the same a period later, shape (n,)
+    reach: float  # V
+    layer: float  # V
+    clock: Clock  # the gait's
 
 
 def design(solution: Solution) -> Law:

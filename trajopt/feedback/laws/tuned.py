@@ -152,15 +152,10 @@ def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Floats) -> lqr.L
 
 
 class Trial(NamedTuple):
-    """The states from which laws walk.
+    """The states from which laws walk."""
 
-    Attributes:
-        gait: hybrid states on the gait, shape (STATE_SIZE, n).
-        disturbed: hybrid states about it, shape (STATE_SIZE, m).
-    """
-
-    gait: Floats
-    disturbed: Floats
+    gait: Floats  # hybrid states on the gait, shape (STATE_SIZE, n)
+    disturbed: Floats  # hybrid states about it, shape (STATE_SIZE, m)
 
     @classmethod
     def about(cls, solution: Solution, orbit: Orbit, wheels: int, seed: int) -> Trial:
@@ -183,19 +178,13 @@ class Trial(NamedTuple):
 
 
 class TrialWalks(NamedTuple):
-    """The outcome for n wheels.
+    """The outcome for n wheels."""
 
-    Attributes:
-        lasted: share of the time until the fall, shape (n,).
-        energy: electrical, without regeneration (J), shape (n,).
-        distance: net (m), shape (n,).
-        off: squared distance from the gait at the end; infinite after a fall, and in double stance,
-            where no gait is; shape (n,).
-    """
-
-    lasted: Floats
-    energy: Floats
-    distance: Floats
+    lasted: Floats  # share of the time until the fall, shape (n,)
+    energy: Floats  # electrical, without regeneration (J), shape (n,)
+    distance: Floats  # net (m), shape (n,)
+    # squared distance from the gait at the end; infinite after a fall, and in double stance, where
+    # no gait is; shape (n,)
     off: Floats
 
 
