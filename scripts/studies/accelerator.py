@@ -250,8 +250,9 @@ def mjx_speeds(motions: Sequence[Intervals], rows: int) -> Iterator[float]:
 
         for given in motions:
             states, volts = (x[index] for x in given)
-            arrays = *joint_state(machine, states[:, :4]), volts[:, None]
-            arrays = [jnp.asarray(x) for x in arrays]
+            arrays = [
+                jnp.asarray(x) for x in (*joint_state(machine, states[:, :4]), volts[:, None])
+            ]
             jax.block_until_ready(interval(*arrays))  # compiles
             yield per_second(lambda: jax.block_until_ready(interval(*arrays)), rows)  # noqa: B023
 

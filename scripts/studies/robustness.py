@@ -64,11 +64,7 @@ class Variation(NamedTuple):
 
     machines: tuple[WheelParams, ...]
     disturbances: str | None = None  # in `DISTURBANCES`
-
-    @property
-    def times(self) -> int:
-        """As how many machines one counts: one by itself walks from more starts."""
-        return 4 if len(self.machines) == 1 else 1
+    times: int = 1  # as many starts as usual
 
 
 class Walk(NamedTuple):
@@ -110,7 +106,7 @@ def robustness(
     Args:
         out: folder of the study.
         machines: how many are drawn for each level.
-        starts: of each machine; four times as many where there is only one.
+        starts: of each machine; four times as many on a slope.
         seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
@@ -163,7 +159,9 @@ def cases(count: int) -> dict[str, dict[str, Variation]]:
         for name in ("pendulum_length", "pendulum_mass", "leg_length")
     }
     slopes = {
-        f"slope of {degrees:+g}°": Variation((BUILDABLE.replace(slope=math.radians(degrees)),))
+        f"slope of {degrees:+g}°": Variation(
+            (BUILDABLE.replace(slope=math.radians(degrees)),), times=4
+        )
         for degrees in (-2, -1, -0.5, 0.5, 1, 2)
     }
     heavier = BUILDABLE.wheel_mass + 0.05 * BUILDABLE.total_mass

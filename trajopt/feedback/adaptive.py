@@ -63,6 +63,10 @@ SOLVING = 2.0
 #: least cost, a machine's gait changes its kind within a control period.
 COSTLY = 1.1
 
+#: From which share of the distance between two gaits a law takes over on a slope beyond the table,
+#: where the start-up controller has walked by itself: from farther away, it fails at +2 degrees.
+STEEP = 1 / 6
+
 #: How many walks try the law about such a gait in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
 
@@ -113,11 +117,14 @@ class Approach(NamedTuple):
         near = near_for(law)
         return cls(gait, startup_for(law, near, lost_return(gait), folder), near)
 
-    def around(self, orbit: Orbit) -> Approach:
-        """The approach to another orbit, whose law acts from as much farther away as that is."""
+    def around(self, orbit: Orbit, share: float) -> Approach:
+        """The approach to another orbit, whose law acts from farther away.
+
+        By this share of the largest distance between the two.
+        """
         states = self.gait.state(self.gait.duration * (np.arange(COMPARED) + 0.5) / COMPARED)
-        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).mean()
-        return self._replace(near=self.near + float(apart))
+        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).max()
+        return self._replace(near=self.near + share * float(apart))
 
 
 def sturdy(gait: Solution) -> Solution:
@@ -175,7 +182,8 @@ class AdaptiveController:
 
     def guarded(self, law: Law) -> ContactGuard:
         """A law with what leads to its gait: the approach to whichever of the two is nearer."""
-        ways = [each.around(law.data.orbit) for each in (self.first, self.wanted) if each]
+        share = 1.0 if self.table.has(law.params.slope) else STEEP
+        ways = [each.around(law.data.orbit, share) for each in (self.first, self.wanted) if each]
         approach = min(ways, key=lambda each: each.near)
         startup = dataclasses.replace(approach.startup, params=law.params)
         switching = SwitchingController(law, startup, approach.near)
@@ -317,12 +325,12 @@ class AdaptiveWalks:
             each.bit_generator.state = known
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's if it has the machine."""
+        """The law in use: the plan's, or else the table's if it has the slope."""
         controller, plan, machine = self.controller, self.plans[row], self.machines[row]
         table, shared = controller.table, controller.table.law.data
         if plan is not None and plan.law is not None:
             data = gains_of(plan.law, shared)._replace(blend=IDENTIFIED_BLEND)
-        elif (np.abs(table.steps(machine)) <= FAR).all():
+        elif table.has(machine.slope):
             data = gains_of(table.at(machine), shared)
         else:
             startup = dataclasses.replace(controller.first.startup, params=machine)

@@ -102,6 +102,10 @@ class GaitTable:
         changes = [getattr(params, name) - getattr(self.params, name) for name in self.names]
         return np.array(changes) / _steps(self.params, self.names)
 
+    def has(self, slope: float) -> bool:
+        """Whether the table reaches a slope (rad)."""
+        return abs(slope - self.params.slope) <= FAR * SLOPE_SPREAD
+
     def at(self, params: WheelParams) -> Floats:
         """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""
         d = np.clip(self.steps(params), -FAR, FAR)[:, None]

@@ -20,6 +20,10 @@ from agents.training import TrainingConfig, train
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
+from trajopt.feedback.adaptive import AdaptiveController, Approach
+from trajopt.feedback.controller import NEAR
+from trajopt.feedback.gait_table import GaitTable, flat
+from trajopt.feedback.laws import lqr
 from trajopt.gaits.library import nearest
 from trajopt.store import Store
 
@@ -186,15 +190,20 @@ def gait(monkeypatch: pytest.MonkeyPatch) -> Solution:
     return found
 
 
-@pytest.mark.usefixtures("gait")
-def test_walks_are_written_as_a_video_and_as_a_gif(tmp_path: Path) -> None:
+def test_walks_are_written_as_a_video_and_as_a_gif(
+    tmp_path: Path, gait: Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law = lqr.design(gait)
+    table = GaitTable(gait, law, (), np.array([flat(law.data)]))
+    adaptive = AdaptiveController(table, Approach(gait, law, NEAR))
+    monkeypatch.setattr(AdaptiveController, "about", lambda wanted: adaptive)
     video, gif = tmp_path / "walk.mp4", tmp_path / "walk.gif"
     size = ["--size", "240", "160"]
     assert main(["watch", "optimum", "--seconds", "0.2", "--out", str(video), *size]) == 0
     frames = imageio_ffmpeg.read_frames(str(video))
     about = next(frames)
     assert (about["fps"], about["duration"], len(list(frames))) == (50, 0.2, 10)
-    names = ["evolution", "optimum"]
+    names = ["evolution", "adaptive", "optimum"]
     assert main(["watch", *names, "--seconds", "0.3", "--out", str(gif), *size]) == 0
     with Image.open(gif) as picture:
         assert picture.size == (240, 160)

@@ -28,7 +28,7 @@ class Startup:
     params: object
 
     def __call__(self, x, mode):
-        return 0.0
+        return np.zeros(len(x))
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +101,17 @@ def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(contr
     alone = AdaptivePolicy(controller).begin(3, lambda: np.arange(3))
     policy(x, None), alone(x, None)
     np.testing.assert_array_equal(policy(x[[0, 2]], None), alone(x, None)[[0, 2]])
+
+
+def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(controller, held):
+    walks = controller.begin(2)
+    state = walks.state()
+    state["machines"][1]["slope"] = 0.03
+    walks.restore(state)
+    x = hybrid_states(held.state(np.full(2, 0.2)), SINGLE)
+    volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
+    assert abs(volts[0]) > 0.5
+    assert volts[1] == 0.0
 
 
 @pytest.mark.slow
