@@ -10,6 +10,8 @@ acts. A network that imitates the schedule fills in the speeds between its laws.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,12 +20,14 @@ from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
-from agents.rollout import Policy, controller_policy, seeing_policy
+from agents.rollout import Policy, Running, controller_policy, seeing_policy
 from rimless_gym.envs.layout import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
+from rimless_gym.params import WheelParams
 from trajopt import periodic_gait
 from trajopt.feedback import laws
+from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.controller import NEAR
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
@@ -42,7 +46,7 @@ REACH = 0.06
 
 
 def expert_policy(
-    expert: Controller | str,
+    expert: Controller | OwnLaws | str,
     conditions: Conditions,
     cache: Path | None = None,
     progress: bool = True,
@@ -50,9 +54,9 @@ def expert_policy(
     """The policy to imitate.
 
     Args:
-        expert: a feedback law; or the name of one, about the optimal gait at `EXPERT_SPEED` whose
-            voltage is held as in the environment, or scheduled over all commanded speeds; or a
-            policy's file.
+        expert: a feedback law; or `OwnLaws`; or the name of a law, about the optimal gait at
+            `EXPERT_SPEED` whose voltage is held as in the environment, or scheduled over all
+            commanded speeds; or a policy's file.
         conditions: of the training.
         cache: folder of gaits and plans that other trainings use too.
         progress: whether to show progress on a terminal.
@@ -61,6 +65,8 @@ def expert_policy(
         CheckpointError: it is neither, or the policy is for another wheel or control.
     """
     params, period = conditions.params, conditions.control.period
+    if isinstance(expert, OwnLaws):
+        return expert
     if not isinstance(expert, str):
         return controller_policy(params, expert)
     if expert not in laws.names():
@@ -93,6 +99,40 @@ def fitting_policy(path: str, conditions: Conditions) -> Checkpoint:
             "its control period (--control-period), or give another policy"
         )
     return policy
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnLaws:
+    """A policy that knows the machine of each walk, and holds the gait that suits it.
+
+    What imitates it has to do with the state alone. Where machines are drawn, it learns to ask
+    less of those whose own gait is another, and so costs less than a law about the nominal gait.
+
+    Attributes:
+        controller: whose table has the laws.
+    """
+
+    controller: AdaptiveController
+
+    def begin(self, machines: Sequence[WheelParams], running: Running) -> Policy:
+        """See `agents.rollout.begun`."""
+        own = lru_cache(None)(lambda row: self.controller.own(machines[row]))
+
+        def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
+            rows, actions = running(), np.empty(len(states))
+            for row in np.unique(rows):
+                these = rows == row
+                modes = states[these, MODE].astype(np.int64)
+                volts = own(int(row))(states[these, :4], modes)
+                actions[these] = volts / machines[row].voltage_limit
+            return actions
+
+        return policy
+
+    def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
+        """The actions (N,) in [-1, 1] for the nominal machine."""
+        machines = (self.controller.params,)
+        return self.begin(machines, lambda: np.zeros(len(states), np.int64))(states, observations)
 
 
 class ScheduledLaw(NamedTuple):

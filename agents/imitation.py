@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
-from agents.rollout import Act, Policy, Rollout, draw_starts, learned_policy
+from agents.rollout import Act, Policy, Rollout, begun, draw_starts, learned_policy
 from rimless_gym.checks import as_instance, extra, integer, positive, real
+from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.pool import progress_bar
 
@@ -151,6 +152,7 @@ def _split(walks: list[LabelledWalks], held_out: float) -> tuple[Labelled, Label
 class LabelledWalks(NamedTuple):
     """Control intervals of several walks, one after the other."""
 
+    machines: tuple[WheelParams, ...]  # of each start
     which: NDArray[np.int64]  # index of the start, (M,)
     when: NDArray[np.int64]  # index of the interval, (M,)
     states: Floats  # (M, STATE_SIZE)
@@ -159,7 +161,8 @@ class LabelledWalks(NamedTuple):
 
     def take(self, indices: NDArray[np.int64]) -> LabelledWalks:
         """Some of the intervals."""
-        return LabelledWalks._make(values[indices] for values in self)
+        arrays = (values[indices] for values in self[1:])
+        return LabelledWalks._make((self.machines, *arrays))
 
 
 def walk(
@@ -177,6 +180,7 @@ def walk(
         if conditions.control.speeds is not None and k % lasting == 0:
             rollout.command(rng.uniform(*conditions.control.speeds, size=len(starts)))
     return LabelledWalks(
+        machines=rollout.machines,
         which=np.concatenate([interval.running for interval in intervals]),
         when=np.repeat(np.arange(len(intervals)), [len(i.running) for i in intervals]),
         states=np.concatenate([interval.states for interval in intervals]),
@@ -234,4 +238,5 @@ class Teaching:
     ) -> LabelledWalks:
         seen = self._walks(policy, starts, seed)
         some = seen.take(rng.permutation(len(seen.when))[:count])
-        return some._replace(actions=self.expert(some.states, some.observations))
+        expert = begun(self.expert, some.machines, lambda: some.which)
+        return some._replace(actions=expert(some.states, some.observations))

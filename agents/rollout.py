@@ -44,6 +44,10 @@ Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
 Act: TypeAlias = Callable[[NDArray[np.float32]], Floats]
 
 
+#: () -> the numbers (M,) of those walks for whose states the policy is called next.
+Running: TypeAlias = Callable[[], NDArray[np.int64]]
+
+
 @dataclasses.dataclass(frozen=True)
 class AdaptivePolicy:
     """An adaptive controller as a policy; by itself, it takes every call for a walk's first.
@@ -54,9 +58,10 @@ class AdaptivePolicy:
 
     controller: AdaptiveController
 
-    def begin(self, n: int, running: Callable[[], NDArray[np.int64]]) -> Policy:
-        """The policy of `n` walks that begin now; `running` are those that it is called for."""
-        walks, limit = self.controller.begin(n), self.controller.params.voltage_limit
+    def begin(self, machines: Sequence[WheelParams], running: Running) -> Policy:
+        """See `begun`; what the machines are it does not know."""
+        walks = self.controller.begin(len(machines))
+        limit = self.controller.params.voltage_limit
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
             modes = states[:, MODE].astype(np.int64)
@@ -67,7 +72,18 @@ class AdaptivePolicy:
 
     def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
         """The actions (N,) in [-1, 1]."""
-        return self.begin(len(states), lambda: np.arange(len(states)))(states, observations)
+        n = len(states)
+        machines = (self.controller.params,) * n
+        return self.begin(machines, lambda: np.arange(n))(states, observations)
+
+
+def begun(policy: Policy, machines: Sequence[WheelParams], running: Running) -> Policy:
+    """A policy for walks of these machines that begin now.
+
+    One that has a method `begin` remembers each walk, or knows its machine; others are as they are.
+    """
+    begin = getattr(policy, "begin", None)
+    return policy if begin is None else begin(machines, running)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -268,13 +284,10 @@ class Rollout:
             begin["speed"] = command
         self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
         self._seen, _ = self._envs.reset(seed=seed, options=begin)
-        self._policy, self._n_intervals = policy, n_intervals
-        self.running = np.arange(len(starts))
-        begin_walks = getattr(policy, "begin", None)  # of a policy with memory, `AdaptivePolicy`
-        if begin_walks is not None:
-            self._policy = begin_walks(len(starts), lambda: self.running)
+        self._n_intervals, self.running = n_intervals, np.arange(len(starts))
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
+        self._policy = begun(policy, self.machines, lambda: self.running)
 
     def command(self, speed: float | Floats) -> None:
         """Command another speed (m/s), one or one to each walk; it is observed an interval later.

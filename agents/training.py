@@ -20,7 +20,7 @@ import numpy as np
 
 from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
-from agents.experts import EXPERT, expert_policy, fitting_policy
+from agents.experts import EXPERT, OwnLaws, expert_policy, fitting_policy
 from agents.gaps import gap_to_continuous_optimum
 from agents.imitation import Cloning, as_cloning
 from agents.learner import (
@@ -117,7 +117,7 @@ class TrainingConfig:
     speeds: tuple[float, float] | None = None
     control_period: float | None = None
     hyperparameters: LearnerSettings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    expert: Controller | str = EXPERT
+    expert: Controller | OwnLaws | str = EXPERT
     cloning: Cloning | Mapping[str, Any] | None = None
     prior: Prior | str | None = None
     score: Callable[[Evaluation], float] | None = None

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from agents.comparison.study import Setting, Study
-from agents.comparison.table import FRONT_POLICY, Row, gait_row, policy_row
+from agents.comparison.table import FRONT_POLICY, PPO_PRIOR, Row, gait_row, policy_row
 from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
@@ -36,8 +36,8 @@ from trajopt.store import jsonable
 #: JSON values; "files" names the files that the method made in the study's folder.
 Result: TypeAlias = dict[str, Any]
 
-#: The shipped policy; by the name alone, a file in the current folder would be loaded.
-FRONT_FILE = PRETRAINED["front"]
+#: The shipped policies; by the name alone, a file in the current folder would be loaded.
+FRONT_FILE, PRIOR_FILE = PRETRAINED["front"], PRETRAINED["ppo"]
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
 BETWEEN = (0.58, 0.61)
@@ -79,6 +79,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         LearnedMethod(
             "scratch", SCRATCH, "PPO from scratch", BEST, budget="scratch_timesteps", curve=True
         ),
+        *prior_policy(study),
         *(_shipped_trainings() if study.shipped else TRAININGS),
     )
 
@@ -379,6 +380,12 @@ class ShippedMethod:
             _policy_row(setting, self.title, evaluation, speed, result["effort"])
             for speed, evaluation in zip(speeds or [None], result["evaluations"], strict=True)
         ]
+
+
+def prior_policy(study: Study) -> tuple[ShippedMethod, ...]:
+    """The shipped policy of PPO with the law as prior, if the study's machine is its own."""
+    own = load_policy(PRIOR_FILE).params == study.params
+    return (ShippedMethod(PRIOR_FILE, PPO_PRIOR, curve=True),) if own else ()
 
 
 def front_policy(study: Study) -> tuple[ShippedMethod, ...]:

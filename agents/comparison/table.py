@@ -43,8 +43,8 @@ best one. Evolution, PPO and fine-tuning choose their own speed, and the one pol
 walks at commanded speeds. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least
 Fy the least normal force in weights; both are of all starts that still take steps at the end."""
 
-#: Title of the rows of the shipped policy that follows commands.
-FRONT_POLICY = "one policy for the front"
+#: Titles of the shipped policies' rows.
+FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
 
 #: Columns of the headline, after the name of a policy.
 HEADINGS = (
@@ -63,6 +63,7 @@ HEADLINE = {
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
     FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
+    PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
     "PPO from scratch": "PPO from nothing, default settings",
 }
 

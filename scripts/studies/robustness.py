@@ -14,8 +14,12 @@ import numpy as np
 
 from agents.cli.options import Count, MaybeCount, MaybePath, Positive, Several, chosen
 from agents.evaluate import SHORT_PROTOCOL, evaluate
+from agents.experts import OwnLaws
+from agents.imitation import Cloning
+from agents.learner import IMITATION
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, controller_policy
+from agents.training import TrainingConfig, train
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -35,18 +39,30 @@ MARKS = markdown.marks("robustness", ("machines",))
 TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
-#: the gains from which the adaptive controller starts, and without a clock.
+#: the gains from which the adaptive controller starts, and without a clock; the clone imitates
+#: the laws of drawn machines about their own gaits.
 CANDIDATES: dict[str, int | None] = {
     **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
     **{
         f"{law} 46": 46
-        for law in ("adaptive", "lqr", "gentle", "input_output", "pid", "sliding_mode")
+        for law in ("adaptive", "lqr", "gentle", "clone", "input_output", "pid", "sliding_mode")
     },
     **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
 }
 
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
+
+#: Within which share the machines are drawn from which the clone learns, and how it learns.
+TAUGHT = 0.03
+CLONING = Cloning(
+    expert_starts=96,
+    starts=160,
+    labels=40_000,
+    gait_starts=160,
+    gait_labels=60_000,
+    gradient_steps=3000,
+)
 
 #: Of the drawn machines, which are the same for all levels but for the level.
 SEED = 20150504
@@ -64,7 +80,6 @@ class Variation(NamedTuple):
 
     machines: tuple[WheelParams, ...]
     disturbances: str | None = None  # in `DISTURBANCES`
-    times: int = 1  # as many starts as usual
 
 
 class Walk(NamedTuple):
@@ -97,7 +112,7 @@ def robustness(
     workers: MaybeCount = None,
     docs: MaybePath = None,
 ) -> int:
-    """Measure two LQRs, the adaptive controller and two policies on changed machines.
+    """Measure laws, the adaptive controller and policies on changed machines.
 
     All parameters within a few percent, single ones, slopes, payload, battery, delay and noise.
     The cost is compared with each machine's own optimum at the speed at which it walks. It takes
@@ -106,7 +121,7 @@ def robustness(
     Args:
         out: folder of the study.
         machines: how many are drawn for each level.
-        starts: of each machine; four times as many on a slope.
+        starts: of each machine.
         seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
@@ -116,14 +131,14 @@ def robustness(
     changes, names = cases(machines), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
     walks = [
-        Walk(candidate, machine, case.disturbances, starts * case.times, seconds, out)
+        Walk(candidate, machine, case.disturbances, starts, seconds, out)
         for case in every.values()
         for candidate in names
         for machine in case.machines
     ]
     with Store(out) as store:
-        for n in TICKS:
-            nominal_gait(n, out)
+        for name in names:  # the workers find in the folder what takes long
+            policy_of(name, out)
         _compute(store, walks, walked, workers)
         results = {task: store.load(_key(task)) for task in walks}
         optima = [
@@ -159,9 +174,7 @@ def cases(count: int) -> dict[str, dict[str, Variation]]:
         for name in ("pendulum_length", "pendulum_mass", "leg_length")
     }
     slopes = {
-        f"slope of {degrees:+g}°": Variation(
-            (BUILDABLE.replace(slope=math.radians(degrees)),), times=4
-        )
+        f"slope of {degrees:+g}°": Variation((BUILDABLE.replace(slope=math.radians(degrees)),))
         for degrees in (-2, -1, -0.5, 0.5, 1, 2)
     }
     heavier = BUILDABLE.wheel_mass + 0.05 * BUILDABLE.total_mass
@@ -210,8 +223,24 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
+    if law == "clone":
+        return cloned(AdaptiveController.about(gait, folder), folder)
     held = law_about(gait, ahead=None) if law == "gentle" else law
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
+
+
+def cloned(controller: AdaptiveController, folder: Path) -> Policy:
+    """A network that imitates, from the state alone, what each drawn machine's own law does."""
+    known = {name: getattr(controller.params, name) for name in PHYSICAL}
+    config = TrainingConfig(
+        "ppo",
+        IMITATION,
+        timesteps=0,
+        ranges={name: ((1 - TAUGHT) * at, (1 + TAUGHT) * at) for name, at in known.items()},
+        expert=OwnLaws(controller),
+        cloning=CLONING,
+    )
+    return load_policy(train(config, folder / "clone", progress=False).last).policy
 
 
 def walked(task: Walk) -> dict[str, Any]:

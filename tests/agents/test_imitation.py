@@ -6,6 +6,7 @@ import torch
 
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
+from agents.experts import OwnLaws
 from agents.imitation import COMMAND_LASTS, Cloning, Teaching, clone, walk
 from agents.rollout import controller_policy, draw_starts, learned_policy
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
@@ -126,3 +127,24 @@ def test_commanded_speeds_change_within_the_walks_that_teach():
     assert changes == {lasting + 1, 2 * lasting + 1}
     assert len(np.unique(commands[:, -1].round(6))) == 3
     assert ((commands > 0.4 - 1e-6) & (commands < 0.6 + 1e-6)).all()
+
+
+class OfPendulum:
+    """In place of an adaptive controller: each machine's law asks for its pendulum's length."""
+
+    def own(self, params):
+        return lambda x, modes: np.full(len(x), params.pendulum_length)
+
+
+def test_each_walk_is_labelled_by_its_own_machine() -> None:
+    drawn = Conditions.of(BUILDABLE, {"pendulum_length": (0.13, 0.15)}, None)
+    teaching = Teaching(OwnLaws(OfPendulum()), drawn, SHORT, 0)
+    first = teaching.first_round()
+    rounds = teaching.later_round(
+        1, first, lambda seen: np.zeros(len(seen)), np.random.default_rng(0)
+    )
+    for walks in (first, *rounds):
+        lengths = np.array([machine.pendulum_length for machine in walks.machines])
+        assert len(np.unique(lengths)) == 10
+        wanted = lengths[walks.which] / BUILDABLE.voltage_limit
+        np.testing.assert_allclose(walks.actions, wanted, rtol=1e-6)

@@ -189,6 +189,18 @@ class AdaptiveController:
         switching = SwitchingController(law, startup, approach.near)
         return ContactGuard(law.params, switching, self.margin)
 
+    def own(self, params: WheelParams) -> ContactGuard:
+        """The table's law about a machine's own gait, with what leads to it.
+
+        On a slope that the table does not have, the start-up controller by itself.
+        """
+        if not self.table.has(params.slope):
+            startup = dataclasses.replace(self.first.startup, params=params)
+            return ContactGuard(params, startup, self.margin)
+        return self.guarded(
+            Law(params, lqr.volts, gains_of(self.table.at(params), self.table.law.data))
+        )
+
     def efficient_law(self, params: WheelParams) -> tuple[Floats | None, int]:
         """The law about a machine's own gait, flat, and how many gaits were tried.
 
@@ -325,18 +337,13 @@ class AdaptiveWalks:
             each.bit_generator.state = known
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's if it has the slope."""
+        """The law in use: the plan's, or else the table's."""
         controller, plan, machine = self.controller, self.plans[row], self.machines[row]
-        table, shared = controller.table, controller.table.law.data
-        if plan is not None and plan.law is not None:
-            data = gains_of(plan.law, shared)._replace(blend=IDENTIFIED_BLEND)
-        elif table.has(machine.slope):
-            data = gains_of(table.at(machine), shared)
+        if plan is None or plan.law is None:
+            self._guarded[row] = controller.own(machine)
         else:
-            startup = dataclasses.replace(controller.first.startup, params=machine)
-            self._guarded[row] = ContactGuard(machine, startup, controller.margin)
-            return
-        self._guarded[row] = controller.guarded(Law(machine, lqr.volts, data))
+            data = gains_of(plan.law, controller.table.law.data)._replace(blend=IDENTIFIED_BLEND)
+            self._guarded[row] = controller.guarded(Law(machine, lqr.volts, data))
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""

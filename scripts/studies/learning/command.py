@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -85,7 +86,7 @@ def learning(
         seeds: of every row: 0, 1, ...
         workers: processes; by default one for every core.
         out: folder of the study.
-        docs: a page, docs/learning.md, to put the tables into whose rows are all finished.
+        docs: a page, docs/learning.md, whose tables get the lines of finished rows.
         headline: README.md, whose headline has the gaps of that page.
     """
     known = {row.name: row for row in ROWS}
@@ -102,9 +103,8 @@ def learning(
         sections = tables(results, functools.partial(gap_in, out / GAITS))
     print("\n\n".join(sections.values()))
     if docs:
-        whole = {row.table for row in ROWS} - {row.table for row in ROWS if row not in results}
-        marks = markdown.marks("study", tuple(sections))
-        written = {name: text + "\n" for name, text in sections.items() if name in whole}
+        marks, page = markdown.marks("study", tuple(sections)), docs.read_text()
+        written = {name: merged(marks[name], page, text) for name, text in sections.items()}
         markdown.refresh(docs, marks, written)
     if headline and docs:
         publish.refresh_headline(headline, docs)
@@ -201,6 +201,17 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
             lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
             sections[section] = table(head, [line[: len(head)] for line in lines])
     return sections
+
+
+def merged(marked: re.Pattern[str], page: str, new: str) -> str:
+    """The lines of a page's table, those of a new one in place of its own."""
+    found = marked.search(page)
+    old = page[found.end(1) : found.start(2)] if found else ""
+    names = new.splitlines()[0].split(" | ").index(FIGURES[0])
+    lines = {}
+    for line in (*old.splitlines(), *new.splitlines()):
+        lines[tuple(line.split(" | ")[:names])] = line
+    return "".join(f"{line}\n" for line in lines.values())
 
 
 def _lines(

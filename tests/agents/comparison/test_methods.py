@@ -13,10 +13,12 @@ from agents.comparison.methods import (
     ShippedMethod,
     front_policy,
     methods,
+    prior_policy,
 )
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     FRONT_POLICY,
+    PPO_PRIOR,
     attained_rows,
     gait_row,
     policy_row,
@@ -94,7 +96,7 @@ def test_the_policy_for_the_front_walks_at_every_speed_of_the_study_and_at_two_b
 
 def test_shipped_policies_leave_out_other_machines_and_speeds() -> None:
     for changes in ({"friction": 0.7}, {"gear_loss": 0.0}):
-        assert front_policy(Study(changes=changes)) == ()
+        assert front_policy(Study(changes=changes)) == prior_policy(Study(changes=changes)) == ()
     (method,) = front_policy(Study(speed=0.4, further=(0.56,)))
     speeds = load_policy(listed.FRONT_FILE).conditions.control.speeds
     assert speeds is not None
@@ -104,10 +106,10 @@ def test_shipped_policies_leave_out_other_machines_and_speeds() -> None:
 def test_another_file_of_a_shipped_policy_is_another_result(
     setting: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    method = ShippedMethod(PRETRAINED["evolution"], "evolution")
+    (method,) = prior_policy(Study())
     monkeypatch.setattr(setting, "evaluated", lambda policy: EVALUATION)
     (row,) = method.rows(setting, method.compute(setting))
-    assert (row.title, row.study_speed, row.cot) == ("evolution", None, EVALUATION["cot"])
+    assert (row.title, row.study_speed, row.cot) == (PPO_PRIOR, None, EVALUATION["cot"])
     assert row.gap == pytest.approx(setting.gap(0.05, 0.56))
     assert row.return_share == pytest.approx(4.4 / setting.best_return)
     assert row.over_least == pytest.approx(0.05 / setting.least.cot - 1.0)

@@ -125,14 +125,17 @@ def test_gaps_are_of_policies_that_walk_and_act_as_often_as_the_optimum(tmp_path
     assert command.gap_in(tmp_path, other, walks) is None
 
 
-def test_the_command_writes_tables_whose_rows_are_all_finished(tmp_path, monkeypatch, capsys):
+def test_the_command_replaces_the_lines_of_finished_rows(tmp_path, monkeypatch, capsys):
     page, out = tmp_path / "page.md", tmp_path / "out"
-    page.write_text("<!-- study: learned -->\nold\n<!-- end of learned -->\n")
+    known = "| policy | seeds that walk |\n| the first, best kept | old |\n| another | stays |\n"
+    page.write_text(f"<!-- study: learned -->\n{known}<!-- end of learned -->\n")
     monkeypatch.setattr(command, "ROWS", (FIRST, SECOND))
     monkeypatch.setattr(command, "gap_in", lambda *_: None)
     study = functools.partial(command.learning, out=out, seeds=2, workers=1, docs=page)
     assert study(rows=("first",)) == 0
-    assert "old" in page.read_text()
+    assert "| the first, best kept | 2 of 2 |" in page.read_text()
+    assert "old" not in page.read_text()
+    assert "| another | stays |" in page.read_text()
     assert study() == 0
     assert "| the second, best kept | 2 of 2 |" in page.read_text()
     assert "the second" in capsys.readouterr().out

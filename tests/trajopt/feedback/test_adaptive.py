@@ -97,8 +97,9 @@ def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(contr
     rows = itertools.chain([np.arange(3)], itertools.repeat(np.array([0, 2])))
     held = controller.table.gait
     x = hybrid_states(held.state([0.1, 0.2, 0.3]), SINGLE)
-    policy = AdaptivePolicy(controller).begin(3, lambda: next(rows))
-    alone = AdaptivePolicy(controller).begin(3, lambda: np.arange(3))
+    machines = (controller.params,) * 3
+    policy = AdaptivePolicy(controller).begin(machines, lambda: next(rows))
+    alone = AdaptivePolicy(controller).begin(machines, lambda: np.arange(3))
     policy(x, None), alone(x, None)
     np.testing.assert_array_equal(policy(x[[0, 2]], None), alone(x, None)[[0, 2]])
 
