@@ -180,8 +180,8 @@ def compiler_options() -> dict[str, str]:
 
 def _require_memory(rows: int, size: int) -> None:
     """Refuse rows of numbers of so many bytes that cannot fit, before they take all memory."""
-    with jax.ensure_compile_time_eval():
-        (device,) = jnp.zeros(()).devices()  # the default one: what is traced has none yet
+    default = jax.config.jax_default_device  # what is traced has no device yet
+    device = default if isinstance(default, jax.Device) else jax.local_devices(backend=default)[0]
     if found := device.memory_stats():
         room = found["bytes_limit"]
     elif hasattr(os, "sysconf"):

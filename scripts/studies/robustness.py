@@ -116,7 +116,7 @@ def robustness(
 
     All parameters within a few percent, single ones, slopes, payload, battery, delay and noise.
     The cost is compared with each machine's own optimum at the speed at which it walks. It takes
-    about an hour of one core; after Ctrl-C or a kill, the same command continues.
+    hours of one core; after Ctrl-C or a kill, the same command continues.
 
     Args:
         out: folder of the study.

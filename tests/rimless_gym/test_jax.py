@@ -20,7 +20,8 @@ from rimless_gym.kernel.stepping import HybridState, advance
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PRESETS
 
-os.environ.setdefault("XLA_FLAGS", "--xla_disable_hlo_passes=fusion")  # compiles twice as fast
+TWO_DEVICES, FAST = "--xla_force_host_platform_device_count=2", "--xla_disable_hlo_passes=fusion"
+os.environ.setdefault("XLA_FLAGS", f"{TWO_DEVICES} {FAST}")  # compiles twice as fast
 jax: Any = pytest.importorskip("jax")
 jnp: Any = pytest.importorskip("jax.numpy")
 from rimless_gym.jax import EnvState, WheelEnv  # noqa: E402
@@ -173,12 +174,18 @@ def in_too_many_rows() -> None:
     jax.eval_shape(jax.vmap(lambda u, state: env.interval(state, u), (0, None)), rows, state)
 
 
+def in_too_many_rows_on_a_mesh() -> None:
+    with jax.set_mesh(jax.sharding.Mesh(jax.devices(), "x")):
+        in_too_many_rows()
+
+
 @pytest.mark.parametrize(
     ("attempt", "error", "text"),
     [
         (without_jax, MissingExtraError, r"rimless-gym\[jax\]"),
         (in_single_precision, ValueError, "jax_enable_x64"),
         (in_too_many_rows, MemoryError, "1,000,000,000,000 rows need .* step fewer at a time"),
+        (in_too_many_rows_on_a_mesh, MemoryError, "1,000,000,000,000 rows need"),
         (lambda: WheelEnv(dtype="float16"), ValueError, "choose from float64, float32"),
         (lambda: WheelEnv(control_period=0.015), ValueError, r"control_period = 0\.015 s"),
     ],
