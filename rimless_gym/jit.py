@@ -3,8 +3,8 @@
 Functions that only compiled code calls stay plain Python functions, so Python can call them too.
 numba compiles them where compiled code calls them, once per combination of argument types. It omits
 the wrappers for calls from Python, which take a third of the compile time, and machine code of
-their own, which takes a seventh: callers are linked with their LLVM code. Here it also finds the
-types of an operation once. Functions for callers in Python are `cached`: the machine code is stored
+their own, which takes a seventh: callers are linked with their LLVM code. The type of each call is
+found once, not each time. Functions for callers in Python are `cached`: the machine code is stored
 on disk and loaded by later processes.
 
 numba's own cache does not notice changes of the functions that are compiled in, so here its files
@@ -57,7 +57,7 @@ _UNUSED = {DeadBranchPrune, InlineClosureLikes, InlineOverloads, NopythonRewrite
 
 
 class _Types(Context):
-    """numba's types of calls, each found once: it tries a dozen signatures for every product."""
+    """Types of calls, each found once: numba tries a dozen signatures for every product."""
 
     found: dict[Any, Any]
 

@@ -150,8 +150,7 @@ class Answer(NamedTuple):
 
     # the senses or families in which some policy walks, or the requested family, (G,)
     groups: Floats
-    # of the policies in each of them, (G, P). Where policies are told apart, it is -inf for those
-    # that do not belong to the group
+    # of the policies in each of them, (G, P). Where groups are distinguished, it is -inf outside
     scores: Floats
     gait: CleanWalking  # how the first policy walks in the first group, if there is any
 
