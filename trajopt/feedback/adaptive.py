@@ -212,15 +212,16 @@ class AdaptiveController:
         None may slip but on the way to the first gait, which may be far.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
-        ticks = round(TRIAL / CONTROL_PERIOD)
+        orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
         for tick in range(ticks):
             volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
             out = advance(params, states, volts, CONTROL_PERIOD)
             slips = exceeds(out[:, ROW.friction_demand].max(), params.friction)
             slips &= shorter > 0 or tick > ticks / 2
-            if slips or out[:, ROW.failure].any():
+            off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
+            leaves = off and shorter and tick > ticks / 2
+            if slips or leaves or out[:, ROW.failure].any():
                 return False
-        orbit = gains_of(law, self.table.law.data).orbit
         return bool((squared_distances(states[:, :4], orbit) < self.near**2).all())
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
