@@ -65,7 +65,7 @@ CLONING = Cloning(
 )
 
 #: Of the drawn machines, which are the same for all levels but for the level.
-SEED = 20150504
+SEED = 20261126
 
 #: Disturbances, of the nominal machine and the noise also of drawn ones.
 NOISE = "encoders' noise of 0.001 rad"
