@@ -115,6 +115,28 @@ class BackEmfFeedforward(VecEnvWrapper):
         return self.venv.step_wait()
 
 
+class ScaledRewards(VecEnvWrapper):
+    """Rewards are so many times as large: a critic's errors hardly shrink with its targets.
+
+    Args:
+        venv: environments.
+        scale: greater than 0.
+    """
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self.scale = positive("scale", scale)
+
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What the environments return, with other rewards."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, self.scale * rewards, dones, infos
+
+
 class HeldActions(VecEnvWrapper):
     """Actions are held for several control intervals; a time step is all of them.
 
