@@ -7,8 +7,8 @@ law from a table: the gaits of machines of which one parameter differs, and thei
 a step stays the same, so that all of them keep to the same clock.
 
 Near the speed of least cost, where the wheel hardly falls from foot to foot, there is no such
-table: a little more of a parameter, and the gait changes its kind. The nominal law falls there, and
-so it walks with a slower gait until it has solved for the identified machine's own.
+table: a little more of a parameter, and the gait changes its kind. There it walks a slower gait
+first, then the identified machine's own, whose steps get shorter by a control period at a time.
 
 The fitted model has the structure of the simulator's; what it lacks is in docs/feedback.md.
 """
@@ -16,7 +16,6 @@ The fitted model has the structure of the simulator's; what it lacks is in docs/
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +27,7 @@ from rimless_gym.checks import require_kind
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
+from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
@@ -43,7 +42,7 @@ from trajopt.feedback.gait_table import (
 )
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Orbit, has_clock, squared_distances
+from trajopt.feedback.orbit import has_clock, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
@@ -55,23 +54,20 @@ from trajopt.identification.log import Log, LogError
 #: every fit for as long as no law was found.
 PLANNED = 1, 2
 
-#: Time (s) that a gait takes to solve for and to try, on average, on one core: a law is used so
-#: much later for every gait that was tried.
-SOLVING = 2.0
+#: Time (s) that a gait takes to solve for and to try, on average, on one core at most: the laws of
+#: ever shorter steps are used so much after each other.
+SOLVING = 1.0
 
 #: A shorter step costs at most so many times as much as the longer one: beyond its own speed of
 #: least cost, a machine's gait changes its kind within a control period.
 COSTLY = 1.1
 
-#: From which share of the distance between two gaits a law takes over on a slope beyond the table,
-#: where the start-up controller has walked by itself: from farther away, it fails at +2 degrees.
-STEEP = 1 / 6
+#: A law about the first gait that was solved for, and one about a gait of shorter steps, acts from
+#: so many times as far away as one of the table: it takes over from another gait.
+WIDER = 1.25, 2.0
 
-#: How many walks try the law about such a gait in a simulation, and for how long (s).
+#: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
-
-#: At how many states the distance between two gaits is measured.
-COMPARED = 32
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
@@ -80,51 +76,27 @@ LANDING = 0.75
 #: is known to the next one, which takes it to be less sure: its covariance so many times larger.
 FIRST, EVERY, FORGETTING = 2.0, 4.0, 1.2
 _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
-_HALF = CONTROL_PERIOD / 2
+
+#: By which share of their difference a measured angle corrects the one that the identified machine
+#: is predicted to have; one that is so many standard deviations of the encoders' errors away counts
+#: as measured.
+CORRECTED, SURPRISING = 0.3, 5.0
 
 
 class Plan(NamedTuple):
-    """The law about the gait of an identified machine, flat.
+    """The law about a gait of an identified machine, flat.
 
     Attributes:
         tick: from which on it is used.
         fits: how many there had been.
-        law: None if none was found, which takes its time, too.
+        shorter: by how many control periods a step is shorter than that of the first gait.
+        law: the law.
     """
 
     tick: int
     fits: int
-    law: Floats | None
-
-
-class Approach(NamedTuple):
-    """How a gait of the nominal machine is reached.
-
-    Attributes:
-        gait: of the nominal machine.
-        startup: leads the nominal machine to it; another machine's uses its costs to go.
-        near: distance from the gait up to which its law acts.
-    """
-
-    gait: Solution
-    startup: StartUpController
-    near: float
-
-    @classmethod
-    def to(cls, gait: Solution, folder: Path | None) -> Approach:
-        """The approach to a gait, which takes up to half a minute to compute."""
-        law = law_about(gait)
-        near = near_for(law)
-        return cls(gait, startup_for(law, near, lost_return(gait), folder), near)
-
-    def around(self, orbit: Orbit, share: float) -> Approach:
-        """The approach to another orbit, whose law acts from farther away.
-
-        By this share of the largest distance between the two.
-        """
-        states = self.gait.state(self.gait.duration * (np.arange(COMPARED) + 0.5) / COMPARED)
-        apart = np.sqrt(squared_distances(np.ascontiguousarray(states), orbit)).max()
-        return self._replace(near=self.near + share * float(apart))
+    shorter: int
+    law: Floats
 
 
 def sturdy(gait: Solution) -> Solution:
@@ -141,15 +113,17 @@ class AdaptiveController:
 
     Attributes:
         table: of laws about the gait that is walked first.
-        first: the approach to it.
-        wanted: the approach to another gait, if it is another one.
+        startup: leads the nominal machine to that gait; another machine's uses its costs to go.
+        near: distance from a gait up to which its law acts.
+        wanted: the gait to come to: the first one, or one of shorter steps.
         encoders: standard deviation of the errors that are added to the logged angles (rad), where
             a simulation's are exact.
     """
 
     table: GaitTable
-    first: Approach
-    wanted: Approach | None = None
+    startup: StartUpController
+    near: float
+    wanted: Solution
     encoders: float = 1e-3
 
     @classmethod
@@ -165,10 +139,10 @@ class AdaptiveController:
                 hold=CONTROL_PERIOD,
                 guess=gait,
             )
-        first = sturdy(gait)
-        table = GaitTable.about(first, folder)
-        wanted = None if first is gait else Approach.to(gait, folder)
-        return cls(table, Approach.to(first, folder), wanted)
+        table = GaitTable.about(sturdy(gait), folder)
+        near = near_for(table.law)
+        startup = startup_for(table.law, near, lost_return(table.gait), folder)
+        return cls(table, startup, near, gait)
 
     @property
     def params(self) -> WheelParams:
@@ -176,17 +150,20 @@ class AdaptiveController:
         return self.table.params
 
     @property
+    def shorter(self) -> int:
+        """By how many control periods a step of the wanted gait is shorter than the first one's."""
+        longer = self.table.gait.duration - self.wanted.duration
+        return round(longer / self.wanted.steps / CONTROL_PERIOD)
+
+    @property
     def margin(self) -> float:
         """Of the contact guard, which must not act on either gait."""
-        return min(margin_for(each.gait) for each in (self.first, self.wanted) if each)
+        return min(margin_for(self.table.gait), margin_for(self.wanted))
 
-    def guarded(self, law: Law) -> ContactGuard:
-        """A law with what leads to its gait: the approach to whichever of the two is nearer."""
-        share = 1.0 if self.table.has(law.params.slope) else STEEP
-        ways = [each.around(law.data.orbit, share) for each in (self.first, self.wanted) if each]
-        approach = min(ways, key=lambda each: each.near)
-        startup = dataclasses.replace(approach.startup, params=law.params)
-        switching = SwitchingController(law, startup, approach.near)
+    def guarded(self, law: Law, wider: float = 1.0) -> ContactGuard:
+        """A law with what leads to its gait, from the gait that is walked first."""
+        startup = dataclasses.replace(self.startup, params=law.params)
+        switching = SwitchingController(law, startup, wider * self.near)
         return ContactGuard(law.params, switching, self.margin)
 
     def own(self, params: WheelParams) -> ContactGuard:
@@ -195,59 +172,57 @@ class AdaptiveController:
         On a slope that the table does not have, the start-up controller by itself.
         """
         if not self.table.has(params.slope):
-            startup = dataclasses.replace(self.first.startup, params=params)
+            startup = dataclasses.replace(self.startup, params=params)
             return ContactGuard(params, startup, self.margin)
-        return self.guarded(
-            Law(params, lqr.volts, gains_of(self.table.at(params), self.table.law.data))
-        )
+        data = gains_of(self.table.at(params), self.table.law.data)
+        return self.guarded(Law(params, lqr.volts, data))
 
-    def efficient_law(self, params: WheelParams) -> tuple[Floats | None, int]:
-        """The law about a machine's own gait, flat, and how many gaits were tried.
+    def planned(self, params: WheelParams, law: Floats, shorter: int) -> ContactGuard:
+        """A flat law about an identified machine's own gait, with what leads to it; see `Plan`."""
+        data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
+        return self.guarded(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
-        A step of it lasts as long as one of the wanted gait or, if there is no such gait, its cost
-        is beyond `COSTLY` or the law does not hold it, as little longer as is found: from the
-        machine's own version of the gait that is walked first, steps are made shorter. A law holds
-        a gait if simulated walks come to it from the first gait, and stay on it. None if none is
-        held.
+    def own_laws(self, params: WheelParams) -> list[Floats]:
+        """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
+
+        The first one's steps last as long as those of the gait that is walked first, the last one's
+        as those of the wanted gait, or as little longer as is found: each gait is continued from
+        the one before, costs at most `COSTLY` times as much, and its law holds it.
         """
-        gait = own_gait(self.first.gait, params, 0)
-        if self.wanted is None:
-            return self._held_law(gait), 1
-        wanted = self.wanted.gait
-        limit = math.inf if gait is None else COSTLY * gait.cot
-        law = self._held_law(own_gait(dataclasses.replace(wanted, params=params), params, 0), limit)
-        tried, found = 2, law is not None
-        while not found and gait is not None and gait.duration > wanted.duration - _HALF:
-            shorter = self._held_law(gait, limit)
-            if shorter is None:
+        gait, laws = self.table.gait, list[Floats]()
+        for longer in (0, *[-1] * self.shorter):
+            own = own_gait(gait, params, longer)
+            passed = own is not None and own.verification.passed
+            if own is None or not passed or (laws and own.cot > COSTLY * gait.cot):
                 break
-            law, limit = shorter, COSTLY * gait.cot
-            gait, tried = own_gait(gait, params, -1), tried + 1
-        return law, tried
+            try:
+                law = flat(law_about(own).data)
+            except RuntimeError:
+                break
+            times = gait.duration * (np.arange(TRIALS) + 0.5) / TRIALS
+            if not self.holds(params, law, len(laws), gait.state(times)):
+                break
+            laws.append(law)
+            gait = own
+        return laws
 
-    def _held_law(self, gait: Solution | None, limit: float = math.inf) -> Floats | None:
-        """The law about a gait of at most this cost, flat, if simulated walks come to it and stay.
+    def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
+        """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        None otherwise.
+        None may slip but on the way to the first gait, which may be far.
         """
-        if gait is None or not gait.verification.passed or gait.cot > limit:
-            return None
-        try:
-            law = law_about(gait, IDENTIFIED_BLEND)
-        except RuntimeError:
-            return None
-        first, guarded = self.first.gait, self.guarded(law)
-        times = first.duration * (np.arange(TRIALS) + 0.5) / TRIALS
-        states = hybrid_states(first.state(times), SINGLE)
-        ticks = round(TRIAL / CONTROL_PERIOD)
+        guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
+        orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
         for tick in range(ticks):
             volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
-            out = advance(gait.params, states, volts, CONTROL_PERIOD)
-            slips = exceeds(out[:, ROW.friction_demand].max(), gait.params.friction)
-            if out[:, ROW.failure].any() or (slips and tick > ticks / 2):
-                return None
-        held = squared_distances(states[:, :4], law.data.orbit) < self.first.near**2
-        return flat(law.data) if held.all() else None
+            out = advance(params, states, volts, CONTROL_PERIOD)
+            slips = exceeds(out[:, ROW.friction_demand].max(), params.friction)
+            slips &= shorter > 0 or tick > ticks / 2
+            off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
+            leaves = off and shorter and tick > ticks / 2
+            if slips or leaves or out[:, ROW.failure].any():
+                return False
+        return bool((squared_distances(states[:, :4], orbit) < self.near**2).all())
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -275,30 +250,28 @@ class AdaptiveWalks:
         self.identified = np.zeros(n, dtype=np.int64)
         self._guarded = [controller.guarded(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
-        self._next: list[Plan | None] = [None] * n
+        self._next: list[list[Plan]] = [[] for _ in range(n)]
         # of what is known of each machine; NaN of one that is as in the table
         k = len(controller.table.names)
         self._covariance = np.full((n, k, k), np.nan)
         self._rng = [np.random.default_rng([seed, row]) for row in range(n)]
         # phi, theta, foot, mode, V of the last samples, the latest last
         self._memory = np.full((n, _EVERY, 5), np.nan)
+        self._predicted = np.full((n, STATE_SIZE), np.nan)
 
     def __call__(
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
     ) -> Floats:
         """Voltages of some walks: their numbers (M,), states (M, 4), modes and stance feet (M,)."""
         due = self.tick in (_FIRST, 2 * _FIRST) or (self.tick and self.tick % _EVERY == 0)
-        for row in rows.tolist():
-            plan = self._next[row]
-            if plan is not None and plan.tick <= self.tick:
-                self._next[row] = None
-                if plan.law is not None:
-                    self.plans[row] = plan
-                    self._choose(row)
+        for i, row in enumerate(rows.tolist()):
+            if self._ready(row, states[i]):
+                self.plans[row] = self._next[row].pop(0)
+                self._choose(row)
             if due:
                 self._identify(row)
         volts = np.array(
-            [self._guarded[row](states[i], modes[i]) for i, row in enumerate(rows.tolist())]
+            [self._volts(row, states[i], modes[i], feet[i]) for i, row in enumerate(rows.tolist())]
         )
         errors = self.controller.encoders * np.array(
             [self._rng[row].standard_normal(2) for row in rows]
@@ -316,9 +289,10 @@ class AdaptiveWalks:
             "machines": [each.to_dict() for each in self.machines],
             "covariance": self._covariance.copy(),
             "plans": [plan and list(plan) for plan in self.plans],
-            "next": [plan and list(plan) for plan in self._next],
+            "next": [[list(plan) for plan in each] for each in self._next],
             "identified": self.identified.copy(),
             "memory": self._memory.copy(),
+            "predicted": self._predicted.copy(),
             "random": [each.bit_generator.state for each in self._rng],
         }
 
@@ -328,22 +302,42 @@ class AdaptiveWalks:
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
-        self.plans, self._next = (
-            [p and Plan(*p) for p in state[name]] for name in ("plans", "next")
-        )
+        self._predicted = np.array(state["predicted"])
+        self.plans = [plan and Plan(*plan) for plan in state["plans"]]
+        self._next = [[Plan(*plan) for plan in each] for each in state["next"]]
         for row in range(len(self.machines)):
             self._choose(row)
         for each, known in zip(self._rng, state["random"], strict=True):
             each.bit_generator.state = known
 
+    def _ready(self, row: int, state: Floats) -> bool:
+        """Whether the next law is used from now on; one of shorter steps, once this gait holds."""
+        coming, plan = self._next[row], self.plans[row]
+        if not coming or coming[0].tick > self.tick:
+            return False
+        if plan is None or coming[0].shorter <= plan.shorter:
+            return True
+        orbit = gains_of(plan.law, self.controller.table.law.data).orbit
+        return bool(squared_distances(state[None].copy(), orbit) < (self.controller.near / 2) ** 2)
+
+    def _volts(self, row: int, state: Floats, mode: int, foot: float) -> float:
+        """The law's voltage; once the machine is identified, its angles are filtered."""
+        predicted, x = self._predicted[row], state.copy()
+        if self.identified[row] and (predicted[MODE], predicted[FOOT]) == (mode, foot):
+            error = predicted[:2] - state[:2]
+            error -= 2 * np.pi * np.round(error / (2 * np.pi))
+            if np.abs(error).max() < SURPRISING * self.controller.encoders:
+                x[:2] += (1 - CORRECTED) * error
+        volts = self._guarded[row](x, mode)
+        predicted[:4], predicted[MODE], predicted[FOOT] = x, mode, foot
+        advance(self.machines[row], self._predicted[row : row + 1], volts[None], CONTROL_PERIOD)
+        return float(volts)
+
     def _choose(self, row: int) -> None:
         """The law in use: the plan's, or else the table's."""
-        controller, plan, machine = self.controller, self.plans[row], self.machines[row]
-        if plan is None or plan.law is None:
-            self._guarded[row] = controller.own(machine)
-        else:
-            data = gains_of(plan.law, controller.table.law.data)._replace(blend=IDENTIFIED_BLEND)
-            self._guarded[row] = controller.guarded(Law(machine, lqr.volts, data))
+        make, plan, machine = self.controller, self.plans[row], self.machines[row]
+        planned = plan and make.planned(machine, plan.law, plan.shorter)
+        self._guarded[row] = planned or make.own(machine)
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
@@ -365,15 +359,30 @@ class AdaptiveWalks:
         self.machines[row], self._covariance[row] = found.params, found.covariance
         self._choose(row)
         self.identified[row] += 1
-        if self._next[row] is None:
+        if not self._next[row]:
             self._plan(row)
 
     def _plan(self, row: int) -> None:
-        """Solve for the gait of a machine that needs its own."""
+        """Solve for the gaits of a machine that needs its own.
+
+        The law in use stays where it holds the machine as it is now known and none of steps as
+        short was found.
+        """
         controller, params, plan = self.controller, self.machines[row], self.plans[row]
-        other, fits = controller.wanted is not None, int(self.identified[row])
+        other, fits = controller.shorter > 0, int(self.identified[row])
         far = np.linalg.norm(controller.table.steps(params)) > FAR
-        if (other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits):
-            law, tried = controller.efficient_law(params)
-            later = round(SOLVING * tried / CONTROL_PERIOD)
-            self._next[row] = Plan(self.tick + later, fits, law)
+        if not ((other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits)):
+            return
+        laws = controller.own_laws(params)
+        if plan is not None and len(laws) <= plan.shorter:
+            states = gains_of(plan.law, controller.table.law.data).orbit.states
+            few = states[len(states) // 8 :: len(states) // TRIALS]
+            if controller.holds(params, plan.law, plan.shorter, few):
+                self.plans[row] = plan._replace(fits=fits)
+                return
+        used = min(plan.shorter if plan else 0, len(laws) - 1)
+        self._next[row] = [
+            Plan(self.tick + round(SOLVING * (k + 1) / CONTROL_PERIOD), fits, k, law)
+            for k, law in enumerate(laws)
+            if k >= used
+        ]

@@ -20,7 +20,7 @@ from agents.training import TrainingConfig, train
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
-from trajopt.feedback.adaptive import AdaptiveController, Approach
+from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.controller import NEAR
 from trajopt.feedback.gait_table import GaitTable, flat
 from trajopt.feedback.laws import lqr
@@ -195,7 +195,7 @@ def test_walks_are_written_as_a_video_and_as_a_gif(
 ) -> None:
     law = lqr.design(gait)
     table = GaitTable(gait, law, (), np.array([flat(law.data)]))
-    adaptive = AdaptiveController(table, Approach(gait, law, NEAR))
+    adaptive = AdaptiveController(table, law, NEAR, gait)
     monkeypatch.setattr(AdaptiveController, "about", lambda wanted: adaptive)
     video, gif = tmp_path / "walk.mp4", tmp_path / "walk.gif"
     size = ["--size", "240", "160"]

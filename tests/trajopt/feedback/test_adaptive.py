@@ -11,9 +11,9 @@ import pytest
 from agents.conditions import Conditions
 from agents.rollout import AdaptivePolicy, Rollout
 from rimless_gym.equations import SINGLE
-from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
+from rimless_gym.kernel.stepping import FOOT, MODE, advance, hybrid_states
 from trajopt.feedback import adaptive
-from trajopt.feedback.adaptive import AdaptiveController, Approach, sturdy
+from trajopt.feedback.adaptive import AdaptiveController, sturdy
 from trajopt.feedback.gait_table import GaitTable, flat, gains_of
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
@@ -39,7 +39,7 @@ def controller(held, law):
     n = len(law.data.voltages)
     shift[13 * n : 14 * n] = 0.5
     table = GaitTable(held, law, ("pendulum_length",), np.array([row, row + shift, row - shift]))
-    return AdaptiveController(table, Approach(held, Startup(held.params), near=0.5))
+    return AdaptiveController(table, Startup(held.params), 0.5, held)
 
 
 def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controller, law) -> None:
@@ -59,12 +59,12 @@ def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controll
 def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit(
     controller, held, tmp_path, monkeypatch
 ) -> None:
-    """Then it holds the wanted gait, by the law about that of the identified machine."""
+    """Then it holds its own gaits, one after the other, each of shorter steps."""
     planned = controller.table.rows[1]
-    monkeypatch.setattr(AdaptiveController, "efficient_law", lambda self, params: (planned, 1))
+    monkeypatch.setattr(AdaptiveController, "own_laws", lambda self, params: [planned, planned])
+    monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
     monkeypatch.setattr(adaptive, "SOLVING", 0.1)
-    controller = dataclasses.replace(controller, wanted=controller.first._replace())
     length = 1.01 * held.params.pendulum_length
     changed = dataclasses.replace(held.params, pendulum_length=length)
     start = hybrid_states(held.state([0.1, 0.3]), SINGLE)
@@ -80,7 +80,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     assert (kept.identified == 1).all()
     found = [machine.pendulum_length for machine in kept.machines]
     np.testing.assert_allclose(found, length, rtol=3e-3)
-    assert [plan.tick for plan in kept.plans] == [210, 210]
+    assert [(plan.tick, plan.shorter) for plan in kept.plans] == [(220, 1), (220, 1)]
 
     first = controller.begin(2)
     for each in states[:150]:
@@ -91,6 +91,65 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     for each in states[150:]:
         np.testing.assert_array_equal(policy(each, None, other), policy(each, None, first))
     assert (other.identified == 1).all()
+
+
+@pytest.mark.parametrize(("holds", "shorter"), [(True, 1), (False, 0)])
+def test_a_law_stays_in_use_while_it_holds_what_the_machine_is_now_known_to_be(
+    controller, held, monkeypatch, holds, shorter
+) -> None:
+    """Even if now none of steps as short is found."""
+    rows = controller.table.rows
+    found = iter([[rows[0], rows[0]], [rows[0]]])
+    monkeypatch.setattr(AdaptiveController, "own_laws", lambda self, params: next(found))
+    monkeypatch.setattr(AdaptiveController, "holds", lambda self, *given: holds)
+    monkeypatch.setattr(AdaptiveController, "shorter", 1)
+    monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
+    monkeypatch.setattr(adaptive, "SOLVING", 0.1)
+    walks = controller.begin(1)
+
+    def policy(states, observations):
+        modes = states[:, 4].astype(np.int64)
+        volts = walks(np.arange(1), states[:, :4], modes, states[:, 5])
+        return volts / held.params.voltage_limit
+
+    start = hybrid_states(held.state([0.1]), SINGLE)
+    assert len(list(Rollout(Conditions(held.params), policy, start, 420))) == 420
+    assert walks.plans[0].shorter == shorter
+
+
+def test_steps_get_shorter_once_the_wheel_is_on_its_gait(controller, held) -> None:
+    walks, row = controller.begin(2), controller.table.rows[0]
+    state = {**walks.state(), "plans": [[0, 1, 0, row]] * 2, "next": [[[0, 1, 1, row]]] * 2}
+    walks.restore(state)
+    x = hybrid_states(held.state(np.full(2, 0.2)), SINGLE)
+    x[1, 2] += 2.0
+    walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
+    assert [plan.shorter for plan in walks.plans] == [1, 0]
+
+
+def test_the_angles_of_an_identified_machine_are_filtered_but_not_after_a_push(
+    controller, law, held
+) -> None:
+    walks = controller.begin(1)
+    state = walks.state()
+    walks.restore({**state, "identified": np.ones(1, dtype=np.int64)})
+    states = hybrid_states(held.state([0.1]), SINGLE)
+    rng, errors = np.random.default_rng(0), []
+
+    def volts(x):
+        modes = states[:, MODE].astype(np.int64)
+        return walks(np.arange(1), x, modes, states[:, FOOT])
+
+    for _ in range(150):
+        measured = states[:, :4].copy()
+        measured[:, :2] += 1e-3 * rng.standard_normal((1, 2))
+        given = volts(measured)
+        errors.append((given - law(states[:, :4]), law(measured) - law(states[:, :4])))
+        advance(held.params, states, given)
+    filtered, raw = np.std(np.array(errors)[20:, :, 0], axis=0)
+    assert filtered < 0.6 * raw
+    pushed = states[:, :4] + [0.02, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(volts(pushed), law(pushed), atol=1e-9)
 
 
 def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(controller) -> None:
@@ -120,8 +179,7 @@ def test_an_identified_machine_walks_its_own_gait_from_the_nominal_one(controlle
     """The law leads there from the nominal gait, and stays."""
     length = 1.02 * held.params.pendulum_length
     machine = dataclasses.replace(held.params, pendulum_length=length)
-    row, tried = controller.efficient_law(machine)
-    assert tried == 1
+    (row,) = controller.own_laws(machine)
     data = gains_of(row, controller.table.law.data)
     states = hybrid_states(held.state(held.duration * np.array([0.2, 0.7])), SINGLE)
     for _ in range(800):
