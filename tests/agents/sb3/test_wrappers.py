@@ -8,7 +8,13 @@ from stable_baselines3.common.vec_env import VecMonitor
 from agents.conditions import Conditions
 from agents.rollout import draw_starts
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.sb3.wrappers import BackEmfFeedforward, HeldActions, above_back_emf, training_env
+from agents.sb3.wrappers import (
+    BackEmfFeedforward,
+    HeldActions,
+    ScaledRewards,
+    above_back_emf,
+    training_env,
+)
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
 from rimless_gym.envs.layout import observe
 
@@ -113,3 +119,11 @@ def test_with_feedforward_actions_are_deviations_from_the_back_emf_of_what_is_se
         volts = above_back_emf(actions, seen, 0.3, BUILDABLE)
         seen = fed.step(actions)[0]
         np.testing.assert_array_equal(seen, plain.step(volts)[0])
+
+
+def test_rewards_are_scaled():
+    scaled, plain = made((ScaledRewards, {"scale": 40.0})), made()
+    np.testing.assert_array_equal(scaled.reset(), plain.reset())
+    actions = np.ones((N, 1), np.float32)
+    for _ in range(20):
+        np.testing.assert_allclose(scaled.step(actions)[1], 40.0 * plain.step(actions)[1])
