@@ -19,7 +19,7 @@ from agents.comparison.table import FRONT_POLICY, PPO_PRIOR, Row, gait_row, poli
 from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
-from agents.learner import BEST, CLONE, IMITATION, INITS, SCRATCH
+from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policy_files import PRETRAINED, TrainingEffort, load_policy, read_record
 from agents.rollout import controller_policy, law_title
 from agents.training import TrainingConfig, train
@@ -311,7 +311,7 @@ class LearnedMethod:
 #: Trainings whose policies come with the package, under the names of the methods.
 TRAININGS = (
     LearnedMethod(
-        *("fine_tuned", f"{IMITATION}/{CLONE}", "fine-tuned by CMA-ES", BEST, (IMITATION,)),
+        *("fine_tuned", f"{IMITATION}/{CLONE}", "fine-tuned by CMA-ES", LAST, (IMITATION,)),
         algo="cma_es",
         budget="timesteps",
         curve=True,

@@ -18,20 +18,21 @@ import torch
 from numpy.typing import NDArray
 
 from agents.imitation import walk
-from agents.learner import Callback, PolicyParts, Training
+from agents.learner import LAST, Callback, PolicyParts, Training
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
 from agents.sb3.learner import FineTuner, architecture, put_weights, weights_of
 from rimless_gym.checks import extra
 from rimless_gym.hybrid import OK
+from rimless_gym.kernel.stepping import FOOT
 from trajopt.feedback.law import Floats
 
 with extra("learn"):
     import cma
 
 #: Control intervals of a training, and policies of a generation.
-TIMESTEPS, POPULATION = 30_000_000, 16
+TIMESTEPS, POPULATION = 60_000_000, 16
 
 #: The last layer varies in the principal components of what it sees, down to this share of the
 #: first one's variance.
@@ -41,9 +42,9 @@ LEAST_VARIANCE = 1e-4
 #: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
 SPREAD = 0.0006
 
-#: Starts of each policy: on the first policy's gait, and at most so many from which it falls, the
-#: same in all generations; and ordinary ones, new in each.
-GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 8, 8
+#: Starts of each policy: on the first policy's gait, and at most so many from which it falls or
+#: stands still, the same in all generations; and ordinary ones, new in each.
+GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 16, 16
 
 #: Seconds of a walk, and those at its end over which it is measured.
 DURATION, WINDOW = 7.0, 4.0
@@ -52,11 +53,15 @@ DURATION, WINDOW = 7.0, 4.0
 #: how many of its observations give the principal components.
 SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 
+#: Within so long at their end (s), a wheel that walks stands on several feet.
+STANDING = 2.0
+
 
 class CmaEs(FineTuner):
     """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
 
-    name, timesteps = "cma_es", TIMESTEPS
+    # the search's mean: the periodic evaluations, of few starts, tell good policies no better
+    name, timesteps, recommended = "cma_es", TIMESTEPS, LAST
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         super().__init__(training, start)
@@ -150,10 +155,14 @@ class LastLayer:
                 f"{SHOWN_STARTS} starts; begin from a policy that walks"
             )
         rng = np.random.default_rng((self._seed, 3))
+        late = shown.when >= round((SHOWN - STANDING) / period)
+        feet = np.stack([shown.which, shown.states[:, FOOT].astype(np.int64)], axis=1)[late]
+        stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
         fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
-        hard, usual = starts[fallen][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
+        lost = fallen | (stood_on < 2)
+        hard, usual = starts[lost][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
         self._starts = np.concatenate([hard, gait[rng.integers(len(gait), size=GAIT_STARTS)]])
-        shares = [fallen.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
+        shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
         self._shares = np.array(shares) / sum(shares)
         self.intervals = POPULATION * len(shares) * self._lasting
         some = rng.integers(len(shown.observations), size=OBSERVED)

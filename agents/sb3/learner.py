@@ -42,24 +42,30 @@ from agents.sb3.hyperparameters import (
     policy_kwargs,
 )
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.sb3.wrappers import training_env, wrapped
+from agents.sb3.wrappers import (
+    RATES,
+    BackEmfFeedforward,
+    above_back_emf,
+    back_emf_gains,
+    training_env,
+    wrapped,
+)
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import USUAL, Control
-from rimless_gym.envs.layout import COMMANDED_SIZE, LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.layout import COMMANDED_SIZE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.envs.task import TERM_NAMES, Task
-from rimless_gym.hybrid import motor_voltage, relative_rate
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
 
-#: The rates in an observation, of the legs and the pendulum.
-RATES = slice(3, 5)
-
 #: A tanh of this times a share of the voltage limit is nearly linear.
-NEARLY_LINEAR = 0.5
+NEARLY_LINEAR = 0.1
+
+#: The entry of a policy's record that scales its deviations from the back-EMF.
+SCALE = "back_emf_scale"
 
 #: The entries of `info` whose sums are logged.
 LOGGED = (*TERM_NAMES, "distance", "elapsed", "electrical_positive", "idle")
@@ -79,10 +85,14 @@ class NetworkPolicy:
     """The deterministic policy of a stable-baselines3 `model`: observations -> actions."""
 
     model: Any
+    params: WheelParams | None = None
+    scale: float | None = None  # of deviations from this machine's back-EMF, if it commands them
 
     def __call__(self, observations: NDArray[np.float32]) -> Floats:
         """Actions (N,) in [-1, 1] for observations (N, 6)."""
         actions, _ = self.model.predict(observations, deterministic=True)
+        if self.params is not None and self.scale is not None:
+            actions = above_back_emf(actions, observations, self.scale, self.params)
         return np.asarray(actions[:, 0], dtype=np.float64)
 
 
@@ -98,6 +108,8 @@ class Actor:
     noise: list[nn.Parameter]
     # gives the noise this natural logarithm of its standard deviation in all states
     set_noise: Callable[[float], None]
+    # keeps it so large while it learns
+    hold_noise: Callable[[float], None]
 
     @property
     def act(self) -> NetworkPolicy:
@@ -138,6 +150,11 @@ class Sb3Learner(learner.Learner):
         assert not isinstance(training.prior, str)  # `agents.training.train` makes it
         self.training = training
         self._arguments = settings.algorithm
+        # of the deviations from the back-EMF that the network commands; None: it commands voltages
+        self._scale: float | None = next(
+            (given["scale"] for kind, given in settings.wrappers if kind is BackEmfFeedforward),
+            None,
+        )
         self._env = training_env(
             settings.n_envs,
             training.conditions,
@@ -152,8 +169,6 @@ class Sb3Learner(learner.Learner):
         self.model = self._new_model({} if start is None else start.record)
         if start is not None:
             put_weights(self.model, start.weights)
-        if training.prior is not None and training.init == SCRATCH:
-            command_back_emf(self.actor(self.model), training.conditions.params)
 
     def _new_model(self, described: dict[str, Any]) -> Any:
         """A new model with the networks of the hyperparameters, or those that are described."""
@@ -189,7 +204,7 @@ class Sb3Learner(learner.Learner):
         put_weights(model, parts.weights)
         model.num_timesteps = int(parts.record["timesteps"])
         model.policy.set_training_mode(False)
-        return NetworkPolicy(model)
+        return NetworkPolicy(model, conditions.params, parts.record.get(SCALE))
 
     @classmethod
     def require_layers(cls, parts: PolicyParts) -> None:
@@ -220,7 +235,7 @@ class Sb3Learner(learner.Learner):
     @property
     def act(self) -> Act:
         """The deterministic policy as it is now."""
-        return NetworkPolicy(self.model)
+        return NetworkPolicy(self.model, self.training.conditions.params, self._scale)
 
     def imitate(self, expert: Policy, cloning: Cloning, progress: bool) -> CloneReport:
         """Clone the expert into the actor."""
@@ -246,7 +261,10 @@ class Sb3Learner(learner.Learner):
 
     def parts(self) -> PolicyParts:
         """The networks' architecture and weights."""
-        return PolicyParts({"policy_kwargs": architecture(self.model)}, weights_of(self.model))
+        scale = {} if self._scale is None else {SCALE: self._scale}
+        return PolicyParts(
+            {"policy_kwargs": architecture(self.model), **scale}, weights_of(self.model)
+        )
 
     def state(self) -> dict[str, Any]:
         """Model, environments and all random generators, between two roll-outs."""
@@ -285,7 +303,12 @@ class Ppo(Sb3Learner):
 
         modules = policy.mlp_extractor.policy_net, policy.action_net
         weights = [weight for module in modules for weight in module.parameters()]
-        return Actor(model, mean_action, weights, [policy.log_std], set_noise)
+
+        def hold_noise(log_std: float) -> None:
+            policy.log_std.requires_grad_(False)
+            set_noise(log_std)
+
+        return Actor(model, mean_action, weights, [policy.log_std], set_noise, hold_noise)
 
 
 class FineTuner(Ppo):
@@ -302,7 +325,7 @@ class FineTuner(Ppo):
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         require_usual(self.name, training.conditions)
-        super().__init__(training, start)
+        super().__init__(training, start and commanding_voltages(start, training.conditions.params))
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
@@ -338,25 +361,44 @@ class Sac(Sb3Learner):
 
         modules = actor.latent_pi, actor.mu
         weights = [weight for module in modules for weight in module.parameters()]
-        return Actor(model, mean_action, weights, [], set_noise)
+
+        def hold_noise(log_std: float) -> None:
+            model.target_entropy = log_std + 0.5 * math.log(2 * math.pi * math.e)
+
+        return Actor(model, mean_action, weights, [], set_noise, hold_noise)
 
 
-def command_back_emf(actor: Actor, params: WheelParams) -> None:
-    """Let an untrained actor of tanh layers command about the back-EMF.
+def commanding_voltages(parts: PolicyParts, params: WheelParams) -> PolicyParts:
+    """PPO's policy with a network that commands voltages, where it commanded deviations.
 
-    Then no current flows, and the pendulum swings freely; without a voltage the motor brakes it.
+    One more unit of each hidden layer, of tanh, passes the back-EMF on.
     """
-    p = params.constants
-    rates = relative_rate(LEG_RATE_SCALE, 0.0, p), relative_rate(0.0, PENDULUM_RATE_SCALE, p)
-    gains = torch.tensor([motor_voltage(rate, 0.0, p) / params.voltage_limit for rate in rates])
-    *hidden, last, _ = actor.weights  # a matrix and a bias for each layer
-    with torch.no_grad():
-        for weights in hidden:  # the first unit of each layer passes the voltage on
-            weights[0] = 0.0
-        hidden[0][0, RATES] = NEARLY_LINEAR * gains
-        for matrix in hidden[2::2]:
-            matrix[0, 0] = 1.0
-        last[0, 0] = 1.0 / NEARLY_LINEAR
+    record, weights = dict(parts.record), dict(parts.weights)
+    scale = record.pop(SCALE, None)
+    if scale is None:
+        return parts
+    kwargs = record["policy_kwargs"]
+    if "activation_fn" in kwargs and kwargs["activation_fn"] != "Tanh":
+        raise ValueError(f"activation_fn = {kwargs['activation_fn']}: only of Tanh can one go on")
+    units: list[int] = []
+    while (name := f"mlp_extractor.policy_net.{2 * len(units)}.weight") in weights:
+        if units:
+            matrix = np.pad(weights[name], ((0, 1), (0, 1)))
+            matrix[-1, -1] = 1.0
+        else:
+            matrix = np.pad(weights[name], ((0, 1), (0, 0)))
+            matrix[-1, RATES] = NEARLY_LINEAR * back_emf_gains(params)
+        bias = name.replace("weight", "bias")
+        weights |= {name: matrix, bias: np.pad(weights[bias], (0, 1))}
+        units.append(len(matrix))
+    last = np.pad(scale * weights["action_net.weight"], ((0, 0), (0, 1)))
+    last[0, -1] = 1.0 / NEARLY_LINEAR
+    weights |= {"action_net.weight": last, "action_net.bias": scale * weights["action_net.bias"]}
+    critic = [
+        len(w) for n, w in weights.items() if n.startswith(Ppo.networks["vf"]) and w.ndim == 2
+    ]
+    described = {**kwargs, "net_arch": {"pi": units, "vf": critic}}
+    return PolicyParts({**record, "policy_kwargs": described}, weights)
 
 
 class LogWalking(BaseCallback):
@@ -431,8 +473,7 @@ class Anneal(BaseCallback):
         done = self.num_timesteps / self.model._total_timesteps
         values = {name: each.at(done) for name, each in self._annealed.items()}
         if "noise" in values:
-            self._actor.freeze(False)
-            self._actor.set_noise(math.log(values["noise"]))
+            self._actor.hold_noise(math.log(values["noise"]))
         if "potential" in values:
             self._shaping.weight = values["potential"]
 

@@ -14,11 +14,17 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from agents.conditions import Conditions
 from agents.prior import PotentialShaping, Prior, ReferenceStarts
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer
+from rimless_gym.checks import integer, positive
+from rimless_gym.envs.layout import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import motor_voltage, relative_rate
+from rimless_gym.params import WheelParams
 
 #: A wrapper, and its arguments besides what it encloses.
 Wrapping = tuple[type[VecEnvWrapper], Mapping[str, Any]]
+
+#: The rates in an observation, of the legs and the pendulum.
+RATES = slice(3, 5)
 
 _Kind = TypeVar("_Kind", bound=VecEnv)
 
@@ -60,6 +66,75 @@ def wrapped(env: Any, kind: type[_Kind]) -> _Kind:
             raise TypeError(f"{env}: has no {kind.__name__}")
         layer = layer.venv
     return layer
+
+
+def back_emf_gains(params: WheelParams) -> NDArray[np.float32]:
+    """The back-EMF, in voltage limits, for rates of 1 in an observation, of legs and pendulum."""
+    p = params.constants
+    rates = relative_rate(LEG_RATE_SCALE, 0.0, p), relative_rate(0.0, PENDULUM_RATE_SCALE, p)
+    volts = [motor_voltage(rate, 0.0, p) for rate in rates]
+    return np.array(volts, dtype=np.float32) / np.float32(params.voltage_limit)
+
+
+def above_back_emf(
+    actions: NDArray[Any], observations: NDArray[np.float32], scale: float, params: WheelParams
+) -> NDArray[Any]:
+    """Voltages (N, 1) in voltage limits that deviate from the back-EMF by `scale` times actions.
+
+    Without a deviation no current flows, and the pendulum swings freely.
+    """
+    back_emf = observations[:, RATES] @ back_emf_gains(params)
+    return np.asarray(np.clip(back_emf[:, None] + scale * actions, -1.0, 1.0))
+
+
+class BackEmfFeedforward(VecEnvWrapper):
+    """Actions are deviations from the back-EMF, so that a policy commands currents.
+
+    Args:
+        venv: environments of one machine.
+        scale: the deviation for an action of 1, in voltage limits.
+    """
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self.scale = positive("scale", scale)
+        self._native = wrapped(venv, Sb3VecEnv).native
+        self._machine = self._native.params[0]
+
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Begin a step with these deviations."""
+        seen = self._native.observations
+        self.venv.step_async(above_back_emf(actions, seen, self.scale, self._machine))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What the environments return."""
+        return self.venv.step_wait()
+
+
+class ScaledRewards(VecEnvWrapper):
+    """Rewards are so many times as large: a critic's errors hardly shrink with its targets.
+
+    Args:
+        venv: environments.
+        scale: greater than 0.
+    """
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self.scale = positive("scale", scale)
+
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What the environments return, with other rewards."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, self.scale * rewards, dones, infos
 
 
 class HeldActions(VecEnvWrapper):

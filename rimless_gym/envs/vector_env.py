@@ -173,6 +173,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return tuple(self._batch.tasks)
 
     @property
+    def observations(self) -> NDArray[np.float32]:
+        """A copy of the latest observations (num_envs, 6), or (num_envs, 8) with a command."""
+        return self._seen.copy()
+
+    @property
     def states(self) -> Floats:
         """A copy of the hybrid states (num_envs, 6): phi, theta, phi', theta', mode, foot."""
         return self._batch.states

@@ -28,7 +28,7 @@ PICTURES = ("cot_against_speed.png", "learning_curves.png")
 #: Policies that come with the package, by name, in the folder of the study; those that it trained.
 POLICIES = {
     "imitation": "imitation/clone.zip",
-    "fine_tuned": "fine_tuned/best.zip",
+    "fine_tuned": "fine_tuned/last.zip",
     "evolution": "evolution/best.zip",
     "distilled": "distilled/clone.zip",
 }

@@ -25,6 +25,7 @@ from agents.policy_files import save_policy
 from agents.prior import Fitted, Prior, law_prior
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Ppo, put_weights, weights_of
+from agents.sb3.wrappers import RATES, BackEmfFeedforward, back_emf_gains
 from rimless_gym.checks import extra
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import HybridState
@@ -60,10 +61,12 @@ class PriorEnv(WheelEnv):
     Args:
         prior: whose potential is a fitted network.
         episode: steps of an episode.
+        scale: the deviation from the back-EMF for an action of 1, in voltage limits.
     """
 
     prior: Prior
     episode: int
+    scale: float
 
     @property
     def default_params(self) -> Any:
@@ -84,7 +87,9 @@ class PriorEnv(WheelEnv):
     def step_env(
         self, key: Any, state: EnvState, action: Any, params: Any
     ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
-        """With the change of the potential in the reward."""
+        """With the change of the potential in the reward; an action deviates from the back-EMF."""
+        back_emf = self.observe(state)[RATES] @ back_emf_gains(self.prior.params)
+        action = jnp.clip(back_emf + self.scale * action, -1.0, 1.0)
         final, after, reward, failed, info = super().step_env(key, state, action, params)
         reached = jnp.where(failed, self.prior.fallen, self.potential(final))
         reward = reward / params.weight + reached - self.potential(self.observe(state))
@@ -204,4 +209,5 @@ def prior_env(prior: Prior, settings: Hyperparameters) -> PriorEnv:
         control_period=settings.intervals_per_step * prior.period,
         prior=prior,
         episode=settings.episode_steps // settings.intervals_per_step,
+        scale=dict(settings.wrappers)[BackEmfFeedforward]["scale"],
     )

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.learner import Training, learner_class
+from agents.learner import learner_class
 from agents.policy_files import CheckpointError, load_policy
 from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
 from agents.rollout import draw_starts
-from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
+from agents.sb3.learner import commanding_voltages
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.task import TERM_NAMES
 from tests.agents.runs import assert_same_policies, config, killed_after, run
@@ -129,17 +130,15 @@ def test_what_is_cheap_to_check_is_refused_before_the_law_walks(tmp_path, monkey
         run(tmp_path / "b", timesteps=0, seed=1, prior="law")
 
 
-def test_an_untrained_policy_lets_the_pendulum_swing_freely():
-    conditions, kind = Conditions(), learner_class("ppo")
-    settings = kind.settings("prior", {"n_envs": 2})
-    learner = kind(Training("ppo", "scratch", 0, conditions, Task(), settings, PRIOR))
-    p = BUILDABLE.constants
-    volts = BUILDABLE.voltage_limit * learner.act(observe(BUILDABLE, STATES))
-    rates = hybrid.relative_rate(STATES[:, 2], STATES[:, 3], p)
-    currents = hybrid.motor_current(rates, volts, p)
-    stalled = hybrid.motor_current(0.0, BUILDABLE.voltage_limit, p)
-    assert np.abs(currents).max() < 0.05 * stalled
-    learner.close()
+def test_a_policy_that_commands_deviations_is_fine_tuned_as_one_that_commands_voltages(tmp_path):
+    last = load_policy(run(tmp_path, prior=PRIOR).last)
+    same = commanding_voltages(last.parts, BUILDABLE)
+    absolute = learner_class("ppo").load(same, last.conditions, last.task)
+    assert "back_emf_scale" in last.parts.record
+    assert "back_emf_scale" not in same.record
+    seen = observe(BUILDABLE, draw_starts(BUILDABLE, 64, 4))
+    np.testing.assert_allclose(absolute(seen), last.act(seen), atol=3e-3)
+    assert np.std(last.act(seen)) > 0.05
 
 
 @pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])

@@ -16,7 +16,7 @@ LEARNED, FRONT, FIRST_EVENING = SECTIONS
 #: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
 KEPT = {"best kept": BEST, "last": LAST}
 CLONED = {"": CLONE}
-BEST_ONLY = {"": BEST}
+LAST_ONLY = {"": LAST}
 
 #: Rows whose policies others need.
 IMITATED = StudyRow(
@@ -33,7 +33,19 @@ WITH_PRIOR = StudyRow(
     "ppo_prior",
     "PPO with the law as prior",
     LEARNED,
-    Trained("ppo", files={"": LAST}, prior=LAW),
+    Trained("ppo", files=LAST_ONLY, prior=LAW),
+)
+SAC_WITH_PRIOR = StudyRow(
+    "sac_prior",
+    "SAC with the law as prior",
+    LEARNED,
+    Trained("sac", files=LAST_ONLY, prior=LAW),
+)
+SAC_DISTILLED = StudyRow(
+    "sac_prior_distilled",
+    "SAC with the law as prior, distilled",
+    LEARNED,
+    Trained("ppo", IMITATION, 0, CLONED, expert=Other(SAC_WITH_PRIOR, LAST)),
 )
 
 ROWS = (
@@ -42,13 +54,13 @@ ROWS = (
         "fine_tuned",
         "imitation, fine-tuned by CMA-ES",
         LEARNED,
-        Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(IMITATED, CLONE)),
+        Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(IMITATED, CLONE)),
     ),
     StudyRow(
         "gradients",
         "imitation, fine-tuned by gradients",
         LEARNED,
-        Trained("gradients", IMITATION, None, {"": LAST}, start=Other(IMITATED, CLONE)),
+        Trained("gradients", IMITATION, None, LAST_ONLY, start=Other(IMITATED, CLONE)),
     ),
     StudyRow("ppo", "PPO from scratch", LEARNED, Trained("ppo", files=KEPT)),
     WITH_PRIOR,
@@ -56,7 +68,15 @@ ROWS = (
         "ppo_prior_cma_es",
         "PPO with the law as prior, then CMA-ES",
         LEARNED,
-        Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(WITH_PRIOR, LAST)),
+        Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(WITH_PRIOR, LAST)),
+    ),
+    SAC_WITH_PRIOR,
+    SAC_DISTILLED,
+    StudyRow(
+        "sac_prior_cma_es",
+        "SAC with the law as prior, distilled, then CMA-ES",
+        LEARNED,
+        Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(SAC_DISTILLED, CLONE)),
     ),
     EVOLVED,
     DISTILLED,
@@ -79,7 +99,7 @@ ROWS = (
         "first_evening",
         "PPO of stable-baselines3",
         FIRST_EVENING,
-        Following("ppo", SCRATCH, 500_000, {"": LAST}, commands=COMMANDS, period=PERIOD),
+        Following("ppo", SCRATCH, 500_000, LAST_ONLY, commands=COMMANDS, period=PERIOD),
         enough=0.8,
     ),
 )

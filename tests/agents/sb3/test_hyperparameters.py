@@ -5,7 +5,7 @@ from torch import nn
 
 from agents.learner import learner_class
 from agents.sb3.hyperparameters import FOLDER
-from agents.sb3.wrappers import HeldActions
+from agents.sb3.wrappers import BackEmfFeedforward, HeldActions
 
 
 def settings(algo="ppo", init="scratch", **changes):
@@ -17,7 +17,8 @@ def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
     for algo in ("ppo", "sac"):
         fresh, tuned, prior = (settings(algo, of) for of in ("scratch", "imitation", "prior"))
         assert fresh.algorithm == {"policy": "MlpPolicy"}
-        assert prior.wrappers == ((HeldActions, {"intervals": 2}),)
+        kinds = [kind for kind, _ in prior.wrappers]
+        assert (kinds[0], kinds[-1]) == (BackEmfFeedforward, HeldActions)  # from the inside out
         assert [each.intervals_per_step for each in (fresh, tuned, prior)] == [1, 1, 2]
         assert (fresh.episode_steps, prior.episode_steps) == (None, 500)
         assert not {"env_wrapper", "vec_env_wrapper"} & set(prior.algorithm)

@@ -6,9 +6,17 @@ import pytest
 from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.conditions import Conditions
+from agents.rollout import draw_starts
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.sb3.wrappers import HeldActions, training_env
-from rimless_gym import THESIS_PHYSICAL, Task
+from agents.sb3.wrappers import (
+    BackEmfFeedforward,
+    HeldActions,
+    ScaledRewards,
+    above_back_emf,
+    training_env,
+)
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
+from rimless_gym.envs.layout import observe
 
 N = 16
 
@@ -90,3 +98,32 @@ def test_a_monitor_below_counts_control_intervals_and_one_above_decisions():
             assert exact["r"] == pytest.approx(seen["r"], rel=1e-5)
             assert seen["l"] == -(-exact["l"] // 4)
     assert sum(first) > 3
+
+
+def test_no_current_flows_at_the_back_emf():
+    states, p = draw_starts(BUILDABLE, 16, 3), BUILDABLE.constants
+    seen = observe(BUILDABLE, states)
+    volts = BUILDABLE.voltage_limit * above_back_emf(np.zeros((16, 1)), seen, 1.0, BUILDABLE)[:, 0]
+    rates = hybrid.relative_rate(states[:, 2], states[:, 3], p)
+    assert np.abs(volts).max() > 0.2
+    stalled = hybrid.motor_current(0.0, BUILDABLE.voltage_limit, p)
+    np.testing.assert_allclose(hybrid.motor_current(rates, volts, p) / stalled, 0.0, atol=1e-6)
+
+
+def test_with_feedforward_actions_are_deviations_from_the_back_emf_of_what_is_seen():
+    fed, plain = made((BackEmfFeedforward, {"scale": 0.3})), made()
+    seen, rng = fed.reset(), np.random.default_rng(1)
+    np.testing.assert_array_equal(seen, plain.reset())
+    for _ in range(30):
+        actions = rng.uniform(-1.0, 1.0, (N, 1)).astype(np.float32)
+        volts = above_back_emf(actions, seen, 0.3, BUILDABLE)
+        seen = fed.step(actions)[0]
+        np.testing.assert_array_equal(seen, plain.step(volts)[0])
+
+
+def test_rewards_are_scaled():
+    scaled, plain = made((ScaledRewards, {"scale": 40.0})), made()
+    np.testing.assert_array_equal(scaled.reset(), plain.reset())
+    actions = np.ones((N, 1), np.float32)
+    for _ in range(20):
+        np.testing.assert_allclose(scaled.step(actions)[1], 40.0 * plain.step(actions)[1])
