@@ -51,6 +51,7 @@ def test_rejax_trains_with_a_prior_and_leaves_a_policy_that_acts(tmp_path: Path)
     from agents.policy_files import load_policy
     from agents.prior import LOWEST, Fitted, Prior
     from agents.sb3.learner import Ppo
+    from agents.sb3.wrappers import above_back_emf
     from rimless_gym import BUILDABLE
     from rimless_gym.envs.layout import observe
     from rimless_gym.envs.task import Task
@@ -73,4 +74,5 @@ def test_rejax_trains_with_a_prior_and_leaves_a_policy_that_acts(tmp_path: Path)
         layers = [policy.parts.weights[name].T for name in NAMES]
         params = with_actor(state, np.full(1, -100.0), layers).actor_ts.params  # hardly any noise
         actions = ppo.actor.apply(params, seen, jax.random.key(0), method="act")
-        assert policy.act(seen) == pytest.approx(np.asarray(actions)[:, 0], abs=1e-5)
+        volts = above_back_emf(np.asarray(actions), seen, 1.0, BUILDABLE)[:, 0]
+        assert policy.act(seen) == pytest.approx(volts, abs=1e-5)

@@ -35,18 +35,6 @@ WITH_PRIOR = StudyRow(
     LEARNED,
     Trained("ppo", files=LAST_ONLY, prior=LAW),
 )
-SAC_WITH_PRIOR = StudyRow(
-    "sac_prior",
-    "SAC with the law as prior",
-    LEARNED,
-    Trained("sac", files=LAST_ONLY, prior=LAW),
-)
-SAC_DISTILLED = StudyRow(
-    "sac_prior_distilled",
-    "SAC with the law as prior, distilled",
-    LEARNED,
-    Trained("ppo", IMITATION, 0, CLONED, expert=Other(SAC_WITH_PRIOR, LAST)),
-)
 
 ROWS = (
     IMITATED,
@@ -70,13 +58,11 @@ ROWS = (
         LEARNED,
         Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(WITH_PRIOR, LAST)),
     ),
-    SAC_WITH_PRIOR,
-    SAC_DISTILLED,
     StudyRow(
-        "sac_prior_cma_es",
-        "SAC with the law as prior, distilled, then CMA-ES",
+        "sac_prior",
+        "SAC with the law as prior",
         LEARNED,
-        Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(SAC_DISTILLED, CLONE)),
+        Trained("sac", files=LAST_ONLY, prior=LAW),
     ),
     EVOLVED,
     DISTILLED,
