@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.imitation import walk
+from agents.imitation import LabelledWalks, walk
 from agents.learner import LAST, Callback, PolicyParts, Training
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
@@ -42,15 +42,15 @@ LEAST_VARIANCE = 1e-4
 #: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
 SPREAD = 0.0006
 
-#: Starts of each policy: on the first policy's gait, and at most so many from which it falls or
-#: stands still, the same in all generations; and ordinary ones, new in each.
-GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS = 4, 16, 16
+#: Starts of each policy: on the gait, and at most so many from which the policy so far falls or
+#: stands still, both chosen anew after so many generations; and ordinary ones, new in each.
+GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 4, 16, 16, 20
 
 #: Seconds of a walk, and those at its end over which it is measured.
 DURATION, WINDOW = 7.0, 4.0
 
-#: Ordinary starts, and seconds of their walks, that show the first policy's gait and its falls, and
-#: how many of its observations give the principal components.
+#: Ordinary starts, and seconds of their walks, that show a policy's gait and its falls, and how
+#: many observations of the first policy give the principal components.
 SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 
 #: Within so long at their end (s), a wheel that walks stands on several feet.
@@ -145,39 +145,54 @@ class LastLayer:
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
         period = self._conditions.control.period
         self._lasting, self._window = round(DURATION / period), round(WINDOW / period)
-        starts = draw_starts(self._conditions.params, SHOWN_STARTS, (self._seed, 2))
-        first = learned_policy(lambda seen: self._features(seen) @ self.first)
-        shown = walk(self._conditions, first, starts, round(SHOWN / period), self._seed)
-        gait = shown.states[shown.when >= round(SHOWN / 2 / period)]
-        if not len(gait):
+        self._rng = np.random.default_rng((self._seed, 3))
+        shown = self._show(self.first, 0)
+        if not self._choose(shown):
             raise ValueError(
                 f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all of "
                 f"{SHOWN_STARTS} starts; begin from a policy that walks"
             )
-        rng = np.random.default_rng((self._seed, 3))
-        late = shown.when >= round((SHOWN - STANDING) / period)
-        feet = np.stack([shown.which, shown.states[:, FOOT].astype(np.int64)], axis=1)[late]
-        stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
-        fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
-        lost = fallen | (stood_on < 2)
-        hard, usual = starts[lost][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
-        self._starts = np.concatenate([hard, gait[rng.integers(len(gait), size=GAIT_STARTS)]])
-        shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
-        self._shares = np.array(shares) / sum(shares)
-        self.intervals = POPULATION * len(shares) * self._lasting
-        some = rng.integers(len(shown.observations), size=OBSERVED)
+        some = self._rng.integers(len(shown.observations), size=OBSERVED)
         features = self._features(shown.observations[some]).astype(np.float64)
         values, vectors = np.linalg.eigh(features.T @ features / len(features))
         large = values > LEAST_VARIANCE * values[-1]
         self._basis = vectors[:, large] / np.sqrt(values[large])
         options = {
             "popsize": POPULATION,
-            "randn": lambda *shape: rng.standard_normal(shape),
+            "randn": lambda *shape: self._rng.standard_normal(shape),
             "seed": np.nan,  # numpy's global generator stays as it is
             "verbose": -9,
         }
         self._strategy = cma.CMAEvolutionStrategy(np.zeros(large.sum()), SPREAD, options)
         self._drawn = np.array(self._strategy.ask())
+        self._generation = 0
+
+    def _show(self, layer: Floats, generation: int) -> LabelledWalks:
+        """How a policy walks from ordinary starts."""
+        period, params = self._conditions.control.period, self._conditions.params
+        policy = learned_policy(lambda seen: self._features(seen) @ layer)
+        starts = draw_starts(params, SHOWN_STARTS, (self._seed, 2, generation))
+        return walk(self._conditions, policy, starts, round(SHOWN / period), self._seed)
+
+    def _choose(self, shown: LabelledWalks) -> bool:
+        """Choose starts on the gait that is shown, and hard ones; False: nothing walks."""
+        period = self._conditions.control.period
+        gait = shown.states[shown.when >= round(SHOWN / 2 / period)]
+        if not len(gait):
+            return False
+        late = shown.when >= round((SHOWN - STANDING) / period)
+        feet = np.stack([shown.which, shown.states[:, FOOT].astype(np.int64)], axis=1)[late]
+        stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
+        fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
+        lost = fallen | (stood_on < 2)
+        starts = shown.states[shown.when == 0]
+        hard, usual = starts[lost][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
+        some = self._rng.integers(len(gait), size=GAIT_STARTS)
+        self._starts = np.concatenate([hard, gait[some]])
+        shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
+        self._shares = np.array(shares) / sum(shares)
+        self.intervals = POPULATION * len(shares) * self._lasting
+        return True
 
     def _features(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """The hidden features and a one, (N, H + 1)."""
@@ -198,6 +213,9 @@ class LastLayer:
     def tell(self, scores: Floats) -> None:
         """Go on to the next generation, with the scores (POPULATION,) of this one."""
         self._strategy.tell(list(self._drawn), list(-scores))
+        self._generation += 1
+        if self._generation % RENEWED == 0:
+            self._choose(self._show(self.mean, self._generation))
         self._drawn = np.array(self._strategy.ask())
 
     def scores(self, generation: int) -> Floats:

@@ -45,11 +45,12 @@ from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import (
     RATES,
     BackEmfFeedforward,
-    above_back_emf,
+    Feedforward,
     back_emf_gains,
     training_env,
     wrapped,
 )
+from rimless_gym.checks import positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import COMMANDED_SIZE
@@ -64,7 +65,7 @@ CRITIC_WARM_UP = 0.15
 #: A tanh of this times a share of the voltage limit is nearly linear.
 NEARLY_LINEAR = 0.1
 
-#: The entry of a policy's record that scales its deviations from the back-EMF.
+#: The entry of a policy's record that scales its deviations from the back-EMF, if it has them.
 SCALE = "back_emf_scale"
 
 #: The entries of `info` whose sums are logged.
@@ -85,14 +86,13 @@ class NetworkPolicy:
     """The deterministic policy of a stable-baselines3 `model`: observations -> actions."""
 
     model: Any
-    params: WheelParams | None = None
-    scale: float | None = None  # of deviations from this machine's back-EMF, if it commands them
+    feedforward: Feedforward | None = None  # to what its actions are added; None: they are voltages
 
     def __call__(self, observations: NDArray[np.float32]) -> Floats:
         """Actions (N,) in [-1, 1] for observations (N, 6)."""
         actions, _ = self.model.predict(observations, deterministic=True)
-        if self.params is not None and self.scale is not None:
-            actions = above_back_emf(actions, observations, self.scale, self.params)
+        if self.feedforward is not None:
+            actions = self.feedforward.voltages(actions, observations)
         return np.asarray(actions[:, 0], dtype=np.float64)
 
 
@@ -108,7 +108,7 @@ class Actor:
     noise: list[nn.Parameter]
     # gives the noise this natural logarithm of its standard deviation in all states
     set_noise: Callable[[float], None]
-    # keeps it so large while it learns
+    # keeps it so large while learning: PPO's parameter is fixed, SAC has it as target entropy
     hold_noise: Callable[[float], None]
 
     @property
@@ -150,11 +150,17 @@ class Sb3Learner(learner.Learner):
         assert not isinstance(training.prior, str)  # `agents.training.train` makes it
         self.training = training
         self._arguments = settings.algorithm
-        # of the deviations from the back-EMF that the network commands; None: it commands voltages
-        self._scale: float | None = next(
-            (given["scale"] for kind, given in settings.wrappers if kind is BackEmfFeedforward),
-            None,
-        )
+        self._feedforward: Feedforward | None = None
+        for kind, given in settings.wrappers:
+            if kind is BackEmfFeedforward:
+                self._feedforward = Feedforward(training.conditions.params, given["scale"])
+        scale = None if self._feedforward is None else self._feedforward.scale
+        if start is not None and start.record.get(SCALE) != scale:
+            raise ValueError(
+                f"init = {training.init!r}: its actions are {_meaning(start.record.get(SCALE))}, "
+                f"and those of this training are {_meaning(scale)}; begin from scratch, or change "
+                "vec_env_wrapper"
+            )
         self._env = training_env(
             settings.n_envs,
             training.conditions,
@@ -204,7 +210,10 @@ class Sb3Learner(learner.Learner):
         put_weights(model, parts.weights)
         model.num_timesteps = int(parts.record["timesteps"])
         model.policy.set_training_mode(False)
-        return NetworkPolicy(model, conditions.params, parts.record.get(SCALE))
+        scale = parts.record.get(SCALE)
+        return NetworkPolicy(
+            model, None if scale is None else Feedforward(conditions.params, positive(SCALE, scale))
+        )
 
     @classmethod
     def require_layers(cls, parts: PolicyParts) -> None:
@@ -235,10 +244,14 @@ class Sb3Learner(learner.Learner):
     @property
     def act(self) -> Act:
         """The deterministic policy as it is now."""
-        return NetworkPolicy(self.model, self.training.conditions.params, self._scale)
+        return NetworkPolicy(self.model, self._feedforward)
 
     def imitate(self, expert: Policy, cloning: Cloning, progress: bool) -> CloneReport:
         """Clone the expert into the actor."""
+        if self._feedforward is not None:
+            raise ValueError(
+                "vec_env_wrapper: a clone commands voltages; leave out the feedforward"
+            )
         teaching = Teaching(expert, self.training.conditions, cloning, self.training.seed)
         return clone(self.actor(self.model), teaching, progress)
 
@@ -261,7 +274,7 @@ class Sb3Learner(learner.Learner):
 
     def parts(self) -> PolicyParts:
         """The networks' architecture and weights."""
-        scale = {} if self._scale is None else {SCALE: self._scale}
+        scale = {} if self._feedforward is None else {SCALE: self._feedforward.scale}
         return PolicyParts(
             {"policy_kwargs": architecture(self.model), **scale}, weights_of(self.model)
         )
@@ -287,6 +300,13 @@ class Ppo(Sb3Learner):
     algorithm = PPO
     hyperparameter_file = "ppo.yml"
     networks: ClassVar = {"pi": "mlp_extractor.policy_net.", "vf": "mlp_extractor.value_net."}
+
+    def parts(self) -> PolicyParts:
+        """The networks' architecture and weights; the actor commands voltages."""
+        parts = super().parts()
+        if self._feedforward is None:
+            return parts
+        return commanding_voltages(parts, self._feedforward)
 
     @staticmethod
     def actor(model: Any) -> Actor:
@@ -325,7 +345,7 @@ class FineTuner(Ppo):
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         require_usual(self.name, training.conditions)
-        super().__init__(training, start and commanding_voltages(start, training.conditions.params))
+        super().__init__(training, start)
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
@@ -368,18 +388,14 @@ class Sac(Sb3Learner):
         return Actor(model, mean_action, weights, [], set_noise, hold_noise)
 
 
-def commanding_voltages(parts: PolicyParts, params: WheelParams) -> PolicyParts:
-    """PPO's policy with a network that commands voltages, where it commanded deviations.
+def commanding_voltages(parts: PolicyParts, feedforward: Feedforward) -> PolicyParts:
+    """PPO's policy whose network commands voltages instead of deviations from the back-EMF.
 
-    One more unit of each hidden layer, of tanh, passes the back-EMF on.
+    One more unit of each hidden layer, of tanh, passes the back-EMF on: at the voltage limit it is
+    0.7 % too small, at a third of it 0.07 %. The network's own output is no longer limited to 1.
     """
     record, weights = dict(parts.record), dict(parts.weights)
-    scale = record.pop(SCALE, None)
-    if scale is None:
-        return parts
-    kwargs = record["policy_kwargs"]
-    if "activation_fn" in kwargs and kwargs["activation_fn"] != "Tanh":
-        raise ValueError(f"activation_fn = {kwargs['activation_fn']}: only of Tanh can one go on")
+    scale, kwargs = record.pop(SCALE), record["policy_kwargs"]
     units: list[int] = []
     while (name := f"mlp_extractor.policy_net.{2 * len(units)}.weight") in weights:
         if units:
@@ -387,10 +403,14 @@ def commanding_voltages(parts: PolicyParts, params: WheelParams) -> PolicyParts:
             matrix[-1, -1] = 1.0
         else:
             matrix = np.pad(weights[name], ((0, 1), (0, 0)))
-            matrix[-1, RATES] = NEARLY_LINEAR * back_emf_gains(params)
+            matrix[-1, RATES] = NEARLY_LINEAR * back_emf_gains(feedforward.params)
         bias = name.replace("weight", "bias")
         weights |= {name: matrix, bias: np.pad(weights[bias], (0, 1))}
         units.append(len(matrix))
+    if not units or kwargs.get("activation_fn", "Tanh") != "Tanh":
+        raise ValueError(
+            f"policy_kwargs = {kwargs}: with BackEmfFeedforward, PPO needs hidden layers of Tanh"
+        )
     last = np.pad(scale * weights["action_net.weight"], ((0, 0), (0, 1)))
     last[0, -1] = 1.0 / NEARLY_LINEAR
     weights |= {"action_net.weight": last, "action_net.bias": scale * weights["action_net.bias"]}
@@ -399,6 +419,11 @@ def commanding_voltages(parts: PolicyParts, params: WheelParams) -> PolicyParts:
     ]
     described = {**kwargs, "net_arch": {"pi": units, "vf": critic}}
     return PolicyParts({**record, "policy_kwargs": described}, weights)
+
+
+def _meaning(scale: Any) -> str:
+    """What actions are, in words."""
+    return "voltages" if scale is None else f"{scale} times deviations from the back-EMF"
 
 
 class LogWalking(BaseCallback):

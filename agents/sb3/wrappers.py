@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -76,30 +77,42 @@ def back_emf_gains(params: WheelParams) -> NDArray[np.float32]:
     return np.array(volts, dtype=np.float32) / np.float32(params.voltage_limit)
 
 
-def above_back_emf(
-    actions: NDArray[Any], observations: NDArray[np.float32], scale: float, params: WheelParams
-) -> NDArray[Any]:
-    """Voltages (N, 1) in voltage limits that deviate from the back-EMF by `scale` times actions.
+@dataclasses.dataclass(frozen=True)
+class Feedforward:
+    """Actions are deviations from the back-EMF, the voltage at which no current flows.
 
-    Without a deviation no current flows, and the pendulum swings freely.
+    Without a deviation the pendulum swings freely.
+
+    Attributes:
+        params: the machine whose back-EMF it is, whichever walks.
+        scale: the deviation for an action of 1, in voltage limits.
     """
-    back_emf = observations[:, RATES] @ back_emf_gains(params)
-    return np.asarray(np.clip(back_emf[:, None] + scale * actions, -1.0, 1.0))
+
+    params: WheelParams
+    scale: float
+
+    def voltages(self, actions: NDArray[Any], observations: NDArray[np.float32]) -> NDArray[Any]:
+        """Voltages (N, 1) in voltage limits, for actions (N, 1) and observations (N, 6 or 8)."""
+        back_emf = observations[:, RATES] @ back_emf_gains(self.params)
+        return np.asarray(np.clip(back_emf[:, None] + self.scale * actions, -1.0, 1.0))
 
 
 class BackEmfFeedforward(VecEnvWrapper):
-    """Actions are deviations from the back-EMF, so that a policy commands currents.
+    """Actions are deviations from the back-EMF; see `Feedforward`.
+
+    It belongs below `HeldActions`: so a deviation is held, and the back-EMF renewed in every
+    control interval.
 
     Args:
-        venv: environments of one machine.
+        venv: environments.
         scale: the deviation for an action of 1, in voltage limits.
     """
 
     def __init__(self, venv: VecEnv, scale: float) -> None:
         super().__init__(venv)
-        self.scale = positive("scale", scale)
         self._native = wrapped(venv, Sb3VecEnv).native
-        self._machine = self._native.params[0]
+        # a property of many machines; where they are drawn, this is the first one
+        self._feedforward = Feedforward(self._native.params[0], positive("scale", scale))
 
     def reset(self) -> VecEnvObs:
         """The first observations."""
@@ -107,8 +120,7 @@ class BackEmfFeedforward(VecEnvWrapper):
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Begin a step with these deviations."""
-        seen = self._native.observations
-        self.venv.step_async(above_back_emf(actions, seen, self.scale, self._machine))
+        self.venv.step_async(self._feedforward.voltages(actions, self._native.observations))
 
     def step_wait(self) -> VecEnvStepReturn:
         """What the environments return."""

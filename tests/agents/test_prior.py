@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.learner import learner_class
+from agents.learner import Training, learner_class
 from agents.policy_files import CheckpointError, load_policy
 from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
 from agents.rollout import draw_starts
-from agents.sb3.learner import commanding_voltages
+from agents.sb3.wrappers import Feedforward
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.task import TERM_NAMES
@@ -130,15 +130,37 @@ def test_what_is_cheap_to_check_is_refused_before_the_law_walks(tmp_path, monkey
         run(tmp_path / "b", timesteps=0, seed=1, prior="law")
 
 
-def test_a_policy_that_commands_deviations_is_fine_tuned_as_one_that_commands_voltages(tmp_path):
-    last = load_policy(run(tmp_path, prior=PRIOR).last)
-    same = commanding_voltages(last.parts, BUILDABLE)
-    absolute = learner_class("ppo").load(same, last.conditions, last.task)
-    assert "back_emf_scale" in last.parts.record
-    assert "back_emf_scale" not in same.record
+def learner_of(algo="ppo", **changes):
+    kind = learner_class(algo)
+    settings = kind.settings("prior", {"n_envs": 2, **changes})
+    return kind(Training(algo, "scratch", 0, Conditions(), Task(), settings, PRIOR))
+
+
+def test_a_file_of_ppo_commands_voltages_where_the_network_commanded_deviations():
+    learner = learner_of()
     seen = observe(BUILDABLE, draw_starts(BUILDABLE, 64, 4))
-    np.testing.assert_allclose(absolute(seen), last.act(seen), atol=3e-3)
-    assert np.std(last.act(seen)) > 0.05
+    parts = learner.parts()
+    kept = type(learner).load(
+        dataclasses.replace(parts, record=parts.record | {"timesteps": 0}), Conditions(), Task()
+    )
+    assert np.std(learner.act(seen)) > 0.05
+    np.testing.assert_allclose(kept(seen), learner.act(seen), atol=7e-3)
+
+
+def test_a_file_of_sac_has_the_scale_of_its_deviations(tmp_path):
+    last = load_policy(run(tmp_path, "sac", prior=PRIOR, timesteps=64).last)
+    seen = observe(BUILDABLE, draw_starts(BUILDABLE, 64, 4))
+    back_emf = Feedforward(BUILDABLE, 0.3).voltages(np.zeros((64, 1)), seen)[:, 0]
+    assert 0.0 < np.abs(last.act(seen) - back_emf).max() <= 0.3
+    with pytest.raises(ValueError, match=r"actions are 0.3 times deviations .* training are volt"):
+        run(tmp_path / "more", "sac", init=tmp_path / "last.zip", timesteps=64)
+
+
+def test_what_does_not_go_with_deviations_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="PPO needs hidden layers of Tanh"):
+        learner_of(policy_kwargs={"activation_fn": "ReLU"}).parts()
+    with pytest.raises(ValueError, match=r"ent_coef = 0.1: noise is that of SAC with auto"):
+        learner_of("sac", ent_coef=0.1)
 
 
 @pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])

@@ -10,9 +10,9 @@ from agents.rollout import draw_starts
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import (
     BackEmfFeedforward,
+    Feedforward,
     HeldActions,
     ScaledRewards,
-    above_back_emf,
     training_env,
 )
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
@@ -103,7 +103,8 @@ def test_a_monitor_below_counts_control_intervals_and_one_above_decisions():
 def test_no_current_flows_at_the_back_emf():
     states, p = draw_starts(BUILDABLE, 16, 3), BUILDABLE.constants
     seen = observe(BUILDABLE, states)
-    volts = BUILDABLE.voltage_limit * above_back_emf(np.zeros((16, 1)), seen, 1.0, BUILDABLE)[:, 0]
+    shares = Feedforward(BUILDABLE, 1.0).voltages(np.zeros((16, 1)), seen)[:, 0]
+    volts = BUILDABLE.voltage_limit * shares
     rates = hybrid.relative_rate(states[:, 2], states[:, 3], p)
     assert np.abs(volts).max() > 0.2
     stalled = hybrid.motor_current(0.0, BUILDABLE.voltage_limit, p)
@@ -116,7 +117,7 @@ def test_with_feedforward_actions_are_deviations_from_the_back_emf_of_what_is_se
     np.testing.assert_array_equal(seen, plain.reset())
     for _ in range(30):
         actions = rng.uniform(-1.0, 1.0, (N, 1)).astype(np.float32)
-        volts = above_back_emf(actions, seen, 0.3, BUILDABLE)
+        volts = Feedforward(BUILDABLE, 0.3).voltages(actions, seen)
         seen = fed.step(actions)[0]
         np.testing.assert_array_equal(seen, plain.step(volts)[0])
 
