@@ -135,6 +135,8 @@ class Checkpoint(Predictor):
     def model(self) -> Any:
         """The stable-baselines3 model, with that library's default settings of learning.
 
+        That of SAC with a prior gives deviations from the back-EMF; `predict` gives voltages.
+
         Raises:
             AttributeError: the learner is not one of stable-baselines3.
         """

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from torch import nn
 
@@ -28,8 +29,8 @@ ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 #: The most environments of a training.
 MOST_ENVS = 65_536
 
-#: What a training changes on its way: the standard deviation of the exploration noise (voltage
-#: limits), and the weight of a prior's potential.
+#: What a training changes on its way: the standard deviation of the exploration noise of actions,
+#: and the weight of a prior's potential.
 ANNEALED = ("noise", "potential")
 
 #: What is not the algorithm's.
@@ -149,6 +150,8 @@ def hyperparameters(
     for name in ("learning_rate", "clip_range"):
         if name in values:
             values[name] = _schedule(name, values[name])
+    if algorithm is SAC and "noise" in values and values.get("ent_coef", "auto") != "auto":
+        raise ValueError(f"ent_coef = {values['ent_coef']}: noise needs SAC's auto; drop one")
     if "policy_kwargs" in values:
         values["policy_kwargs"] = policy_kwargs(values["policy_kwargs"])
     return Hyperparameters(

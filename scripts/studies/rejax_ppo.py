@@ -87,7 +87,10 @@ class PriorEnv(WheelEnv):
     def step_env(
         self, key: Any, state: EnvState, action: Any, params: Any
     ) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
-        """With the change of the potential in the reward; an action deviates from the back-EMF."""
+        """With the change of the potential in the reward; an action deviates from the back-EMF.
+
+        The voltage is held for the whole decision. In stable-baselines3 the deviation is.
+        """
         back_emf = self.observe(state)[RATES] @ back_emf_gains(self.prior.params)
         action = jnp.clip(back_emf + self.scale * action, -1.0, 1.0)
         final, after, reward, failed, info = super().step_env(key, state, action, params)

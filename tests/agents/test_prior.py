@@ -159,7 +159,7 @@ def test_a_file_of_sac_has_the_scale_of_its_deviations(tmp_path):
 def test_what_does_not_go_with_deviations_is_refused(tmp_path):
     with pytest.raises(ValueError, match="PPO needs hidden layers of Tanh"):
         learner_of(policy_kwargs={"activation_fn": "ReLU"}).parts()
-    with pytest.raises(ValueError, match=r"ent_coef = 0.1: noise is that of SAC with auto"):
+    with pytest.raises(ValueError, match=r"ent_coef = 0.1: noise needs SAC"):
         learner_of("sac", ent_coef=0.1)
 
 
