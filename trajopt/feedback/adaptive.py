@@ -174,8 +174,12 @@ class AdaptiveController:
         if not self.table.has(params.slope):
             startup = dataclasses.replace(self.startup, params=params)
             return ContactGuard(params, startup, self.margin)
+        return self.guarded(self.law_of(params))
+
+    def law_of(self, params: WheelParams) -> Law:
+        """The table's law about a machine's own gait."""
         data = gains_of(self.table.at(params), self.table.law.data)
-        return self.guarded(Law(params, lqr.volts, data))
+        return Law(params, lqr.volts, data)
 
     def planned(self, params: WheelParams, law: Floats, shorter: int) -> ContactGuard:
         """A flat law about an identified machine's own gait, with what leads to it; see `Plan`."""
