@@ -101,6 +101,10 @@ def fitting_policy(path: str, conditions: Conditions) -> Checkpoint:
     return policy
 
 
+#: At how many states the distance between two gaits is measured.
+COMPARED = 32
+
+
 @dataclasses.dataclass(frozen=True)
 class OwnLaws:
     """A policy that knows the machine of each walk, and holds the gait that suits it.
@@ -116,7 +120,7 @@ class OwnLaws:
 
     def begin(self, machines: Sequence[WheelParams], running: Running) -> Policy:
         """See `agents.rollout.begun`."""
-        own = lru_cache(None)(lambda row: self.controller.own(machines[row]))
+        own = lru_cache(None)(lambda row: self.own(machines[row]))
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
             rows, actions = running(), np.empty(len(states))
@@ -133,6 +137,20 @@ class OwnLaws:
         """The actions (N,) in [-1, 1] for the nominal machine."""
         machines = (self.controller.params,)
         return self.begin(machines, lambda: np.zeros(len(states), np.int64))(states, observations)
+
+    def own(self, machine: WheelParams) -> Controller:
+        """A machine's own law, which acts from farther away: by as much as the gaits are apart.
+
+        What imitates it walks about the nominal gait at first. Labels of the start-up there, which
+        the machine does not need, would cost the clone a fifth of its energy.
+        """
+        controller, gait = self.controller, self.controller.table.gait
+        if not controller.table.has(machine.slope):
+            return controller.own(machine)
+        law, places = controller.law_of(machine), (np.arange(COMPARED) + 0.5) / COMPARED
+        states = np.ascontiguousarray(gait.state(gait.duration * places))
+        apart = float(np.sqrt(squared_distances(states, law.data.orbit)).max())
+        return controller.guarded(law, 1.0 + apart / controller.near)
 
 
 class ScheduledLaw(NamedTuple):

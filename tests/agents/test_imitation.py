@@ -129,16 +129,17 @@ def test_commanded_speeds_change_within_the_walks_that_teach():
     assert ((commands > 0.4 - 1e-6) & (commands < 0.6 + 1e-6)).all()
 
 
-class OfPendulum:
-    """In place of an adaptive controller: each machine's law asks for its pendulum's length."""
+@dataclasses.dataclass(frozen=True)
+class OfPendulum(OwnLaws):
+    """Each machine's law asks for its pendulum's length."""
 
-    def own(self, params):
-        return lambda x, modes: np.full(len(x), params.pendulum_length)
+    def own(self, machine):
+        return lambda x, modes: np.full(len(x), machine.pendulum_length)
 
 
 def test_each_walk_is_labelled_by_its_own_machine() -> None:
     drawn = Conditions.of(BUILDABLE, {"pendulum_length": (0.13, 0.15)}, None)
-    teaching = Teaching(OwnLaws(OfPendulum()), drawn, SHORT, 0)
+    teaching = Teaching(OfPendulum(None), drawn, SHORT, 0)
     first = teaching.first_round()
     rounds = teaching.later_round(
         1, first, lambda seen: np.zeros(len(seen)), np.random.default_rng(0)
