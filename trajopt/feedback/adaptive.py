@@ -32,6 +32,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
 from trajopt.feedback.gait_table import (
+    FAR,
     IDENTIFIED_BLEND,
     GaitTable,
     flat,
@@ -67,10 +68,6 @@ WIDER = 1.25, 2.0
 
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
-
-#: By how many control periods the first steps of a machine far from the table's are longer: the
-#: costs to go of the nominal machine lead to that gait, even if its own one lands slowly.
-LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
@@ -192,13 +189,12 @@ class AdaptiveController:
     def own_laws(self, params: WheelParams) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
 
-        The first one's steps last as long as those of the gait that is walked first, or `LONGER`,
-        the last one's as those of the wanted gait, or as little longer as is found: each gait is
-        continued from the one before, costs at most `COSTLY` times as much, and its law holds it.
+        The first one's steps last as long as those of the gait that is walked first, the last one's
+        as those of the wanted gait, or as little longer as is found: each gait is continued from
+        the one before, costs at most `COSTLY` times as much, and its law holds it.
         """
         gait, laws = self.table.gait, list[Floats]()
-        first = LONGER * self.table.far(params)
-        for longer in (first, *[-1] * (first + self.shorter)):
+        for longer in (0, *[-1] * self.shorter):
             own = own_gait(gait, params, longer)
             passed = own is not None and own.verification.passed
             if own is None or not passed or (laws and own.cot > COSTLY * gait.cot):
@@ -217,18 +213,15 @@ class AdaptiveController:
     def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        None may slip but on the way to the first gait, which may be far. The angles have the errors
-        that the encoders' leave in the prediction.
+        None may slip but on the way to the first gait, which may be far.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
-        rng, errors = np.random.default_rng(0), np.zeros((len(states), 4))
         for tick in range(ticks):
-            noise = self.encoders * rng.standard_normal((len(states), 2))
-            errors[:, :2] += CORRECTED * (noise - errors[:, :2])
-            volts = guarded(states[:, :4] + errors, states[:, MODE].astype(np.int64))
+            volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
             out = advance(params, states, volts, CONTROL_PERIOD)
-            slips = shorter and exceeds(out[:, ROW.friction_demand].max(), params.friction)
+            slips = exceeds(out[:, ROW.friction_demand].max(), params.friction)
+            slips &= shorter > 0 or tick > ticks / 2
             off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
             leaves = off and shorter and tick > ticks / 2
             if slips or leaves or out[:, ROW.failure].any():
@@ -345,14 +338,10 @@ class AdaptiveWalks:
         return float(volts)
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's; far from its machines, the nominal."""
+        """The law in use: the plan's, or else the table's."""
         make, plan, machine = self.controller, self.plans[row], self.machines[row]
-        if plan is not None:
-            self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
-        elif make.table.far(machine) and make.table.has(machine.slope):
-            self._guarded[row] = make.guarded(make.table.law)
-        else:
-            self._guarded[row] = make.own(machine)
+        planned = plan and make.planned(machine, plan.law, plan.shorter)
+        self._guarded[row] = planned or make.own(machine)
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
@@ -385,8 +374,8 @@ class AdaptiveWalks:
         """
         controller, params, plan = self.controller, self.machines[row], self.plans[row]
         other, fits = controller.shorter > 0, int(self.identified[row])
-        far, enough = controller.table.far(params), 2 * plan.fits if plan else PLANNED[other]
-        if not (other or far) or fits < enough:
+        far = np.linalg.norm(controller.table.steps(params)) > FAR
+        if not ((other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits)):
             return
         laws = controller.own_laws(params)
         if plan is not None and len(laws) <= plan.shorter:
