@@ -34,6 +34,7 @@ from agents.learner import (
     require_known,
 )
 from agents.rollout import Act, Policy, Seeing
+from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
     Annealed,
@@ -42,14 +43,7 @@ from agents.sb3.hyperparameters import (
     policy_kwargs,
 )
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.sb3.wrappers import (
-    RATES,
-    BackEmfFeedforward,
-    Feedforward,
-    back_emf_gains,
-    training_env,
-    wrapped,
-)
+from agents.sb3.wrappers import training_env, wrapped
 from rimless_gym.checks import positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import USUAL, Control
@@ -61,12 +55,6 @@ from trajopt.feedback.law import Floats
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
-
-#: A tanh of this times a share of the voltage limit is nearly linear.
-NEARLY_LINEAR = 0.1
-
-#: The entry of a policy's record that scales its deviations from the back-EMF, if it has them.
-SCALE = "back_emf_scale"
 
 #: The entries of `info` whose sums are logged.
 LOGGED = (*TERM_NAMES, "distance", "elapsed", "electrical_positive", "idle")
@@ -386,39 +374,6 @@ class Sac(Sb3Learner):
             model.target_entropy = log_std + 0.5 * math.log(2 * math.pi * math.e)
 
         return Actor(model, mean_action, weights, [], set_noise, hold_noise)
-
-
-def commanding_voltages(parts: PolicyParts, feedforward: Feedforward) -> PolicyParts:
-    """PPO's policy whose network commands voltages instead of deviations from the back-EMF.
-
-    One more unit of each hidden layer, of tanh, passes the back-EMF on: at the voltage limit it is
-    0.7 % too small, at a third of it 0.07 %. The network's own output is no longer limited to 1.
-    """
-    record, weights = dict(parts.record), dict(parts.weights)
-    scale, kwargs = record.pop(SCALE), record["policy_kwargs"]
-    units: list[int] = []
-    while (name := f"mlp_extractor.policy_net.{2 * len(units)}.weight") in weights:
-        if units:
-            matrix = np.pad(weights[name], ((0, 1), (0, 1)))
-            matrix[-1, -1] = 1.0
-        else:
-            matrix = np.pad(weights[name], ((0, 1), (0, 0)))
-            matrix[-1, RATES] = NEARLY_LINEAR * back_emf_gains(feedforward.params)
-        bias = name.replace("weight", "bias")
-        weights |= {name: matrix, bias: np.pad(weights[bias], (0, 1))}
-        units.append(len(matrix))
-    if not units or kwargs.get("activation_fn", "Tanh") != "Tanh":
-        raise ValueError(
-            f"policy_kwargs = {kwargs}: with BackEmfFeedforward, PPO needs hidden layers of Tanh"
-        )
-    last = np.pad(scale * weights["action_net.weight"], ((0, 0), (0, 1)))
-    last[0, -1] = 1.0 / NEARLY_LINEAR
-    weights |= {"action_net.weight": last, "action_net.bias": scale * weights["action_net.bias"]}
-    critic = [
-        len(w) for n, w in weights.items() if n.startswith(Ppo.networks["vf"]) and w.ndim == 2
-    ]
-    described = {**kwargs, "net_arch": {"pi": units, "vf": critic}}
-    return PolicyParts({**record, "policy_kwargs": described}, weights)
 
 
 def _meaning(scale: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -16,16 +15,10 @@ from agents.conditions import Conditions
 from agents.prior import PotentialShaping, Prior, ReferenceStarts
 from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym.checks import integer, positive
-from rimless_gym.envs.layout import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import motor_voltage, relative_rate
-from rimless_gym.params import WheelParams
 
 #: A wrapper, and its arguments besides what it encloses.
 Wrapping = tuple[type[VecEnvWrapper], Mapping[str, Any]]
-
-#: The rates in an observation, of the legs and the pendulum.
-RATES = slice(3, 5)
 
 _Kind = TypeVar("_Kind", bound=VecEnv)
 
@@ -67,64 +60,6 @@ def wrapped(env: Any, kind: type[_Kind]) -> _Kind:
             raise TypeError(f"{env}: has no {kind.__name__}")
         layer = layer.venv
     return layer
-
-
-def back_emf_gains(params: WheelParams) -> NDArray[np.float32]:
-    """The back-EMF, in voltage limits, for rates of 1 in an observation, of legs and pendulum."""
-    p = params.constants
-    rates = relative_rate(LEG_RATE_SCALE, 0.0, p), relative_rate(0.0, PENDULUM_RATE_SCALE, p)
-    volts = [motor_voltage(rate, 0.0, p) for rate in rates]
-    return np.array(volts, dtype=np.float32) / np.float32(params.voltage_limit)
-
-
-@dataclasses.dataclass(frozen=True)
-class Feedforward:
-    """Actions are deviations from the back-EMF, the voltage at which no current flows.
-
-    Without a deviation the pendulum swings freely.
-
-    Attributes:
-        params: the machine whose back-EMF it is, whichever walks.
-        scale: the deviation for an action of 1, in voltage limits.
-    """
-
-    params: WheelParams
-    scale: float
-
-    def voltages(self, actions: NDArray[Any], observations: NDArray[np.float32]) -> NDArray[Any]:
-        """Voltages (N, 1) in voltage limits, for actions (N, 1) and observations (N, 6 or 8)."""
-        back_emf = observations[:, RATES] @ back_emf_gains(self.params)
-        return np.asarray(np.clip(back_emf[:, None] + self.scale * actions, -1.0, 1.0))
-
-
-class BackEmfFeedforward(VecEnvWrapper):
-    """Actions are deviations from the back-EMF; see `Feedforward`.
-
-    It belongs below `HeldActions`: so a deviation is held, and the back-EMF renewed in every
-    control interval.
-
-    Args:
-        venv: environments.
-        scale: the deviation for an action of 1, in voltage limits.
-    """
-
-    def __init__(self, venv: VecEnv, scale: float) -> None:
-        super().__init__(venv)
-        self._native = wrapped(venv, Sb3VecEnv).native
-        # a property of many machines; where they are drawn, this is the first one
-        self._feedforward = Feedforward(self._native.params[0], positive("scale", scale))
-
-    def reset(self) -> VecEnvObs:
-        """The first observations."""
-        return self.venv.reset()
-
-    def step_async(self, actions: NDArray[Any]) -> None:
-        """Begin a step with these deviations."""
-        self.venv.step_async(self._feedforward.voltages(actions, self._native.observations))
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """What the environments return."""
-        return self.venv.step_wait()
 
 
 class ScaledRewards(VecEnvWrapper):

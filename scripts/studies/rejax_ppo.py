@@ -23,9 +23,9 @@ from agents.conditions import Conditions
 from agents.learner import LAST, NO_CHANGES, PRIOR, SCRATCH, Training
 from agents.policy_files import save_policy
 from agents.prior import Fitted, Prior, law_prior
+from agents.sb3.feedforward import RATES, BackEmfFeedforward, back_emf_gains
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Ppo, put_weights, weights_of
-from agents.sb3.wrappers import RATES, BackEmfFeedforward, back_emf_gains
 from rimless_gym.checks import extra
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import HybridState

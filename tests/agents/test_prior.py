@@ -11,7 +11,7 @@ from agents.learner import Training, learner_class
 from agents.policy_files import CheckpointError, load_policy
 from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
 from agents.rollout import draw_starts
-from agents.sb3.wrappers import Feedforward
+from agents.sb3.feedforward import Feedforward
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.task import TERM_NAMES

@@ -50,8 +50,8 @@ def test_rejax_trains_with_a_prior_and_leaves_a_policy_that_acts(tmp_path: Path)
     from agents.learner import PRIOR
     from agents.policy_files import load_policy
     from agents.prior import LOWEST, Fitted, Prior
+    from agents.sb3.feedforward import Feedforward
     from agents.sb3.learner import Ppo
-    from agents.sb3.wrappers import Feedforward
     from rimless_gym import BUILDABLE
     from rimless_gym.envs.layout import observe
     from rimless_gym.envs.task import Task

@@ -4,8 +4,9 @@ import pytest
 from torch import nn
 
 from agents.learner import learner_class
+from agents.sb3.feedforward import BackEmfFeedforward
 from agents.sb3.hyperparameters import FOLDER
-from agents.sb3.wrappers import BackEmfFeedforward, HeldActions
+from agents.sb3.wrappers import HeldActions
 
 
 def settings(algo="ppo", init="scratch", **changes):

@@ -7,14 +7,9 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.conditions import Conditions
 from agents.rollout import draw_starts
+from agents.sb3.feedforward import BackEmfFeedforward, Feedforward
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.sb3.wrappers import (
-    BackEmfFeedforward,
-    Feedforward,
-    HeldActions,
-    ScaledRewards,
-    training_env,
-)
+from agents.sb3.wrappers import HeldActions, ScaledRewards, training_env
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task, hybrid
 from rimless_gym.envs.layout import observe
 
