@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from torch import nn
 
@@ -150,8 +149,6 @@ def hyperparameters(
     for name in ("learning_rate", "clip_range"):
         if name in values:
             values[name] = _schedule(name, values[name])
-    if algorithm is SAC and "noise" in values and values.get("ent_coef", "auto") != "auto":
-        raise ValueError(f"ent_coef = {values['ent_coef']}: noise needs SAC's auto; drop one")
     if "policy_kwargs" in values:
         values["policy_kwargs"] = policy_kwargs(values["policy_kwargs"])
     return Hyperparameters(

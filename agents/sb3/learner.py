@@ -1,4 +1,4 @@
-"""PPO and SAC of stable-baselines3 in our vector environment, and what such learners share."""
+"""PPO of stable-baselines3 in our vector environment, and what its algorithms share."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from agents.learner import (
     Training,
     require_known,
 )
+from agents.prior import PotentialShaping, ReferenceStarts, WithPrior
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
@@ -122,6 +123,7 @@ class Sb3Learner(learner.Learner):
         algorithm: of stable-baselines3.
         hyperparameter_file: name of its file in `agents/hyperparams`.
         networks: its entries of `net_arch`, and what the names of their weights begin with.
+        prior_wrappers: around the native environment in a training with a prior.
         model: that learns.
     """
 
@@ -129,6 +131,7 @@ class Sb3Learner(learner.Learner):
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
     networks: ClassVar[Mapping[str, str]]
+    prior_wrappers: ClassVar[tuple[type[WithPrior], ...]] = (ReferenceStarts, PotentialShaping)
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         torch.set_num_threads(1)
@@ -137,7 +140,7 @@ class Sb3Learner(learner.Learner):
             raise TypeError(f"settings = {settings!r}: must be agents.sb3 Hyperparameters")
         assert not isinstance(training.prior, str)  # `agents.training.train` makes it
         self.training = training
-        self._arguments = settings.algorithm
+        self._arguments = dict(settings.algorithm)
         self._feedforward: Feedforward | None = None
         for kind, given in settings.wrappers:
             if kind is BackEmfFeedforward:
@@ -157,6 +160,7 @@ class Sb3Learner(learner.Learner):
             settings.wrappers,
             settings.episode_steps,
             training.prior,
+            self.prior_wrappers,
         )
         if start is not None:
             self.require_layers(start)
@@ -173,6 +177,11 @@ class Sb3Learner(learner.Learner):
             return self.algorithm(device="cpu", **arguments)
         except Exception as error:  # stable-baselines3 refuses arguments in many ways
             raise ValueError(f"{error!r}, with the hyperparameters {self._arguments}") from error
+
+    @property
+    def _shaping(self) -> Any:
+        """What adds a prior's potential to the rewards, with a `weight`."""
+        return wrapped(self._env, Sb3VecEnv).env
 
     @staticmethod
     @abstractmethod
@@ -254,7 +263,7 @@ class Sb3Learner(learner.Learner):
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            callbacks.append(Anneal(actor, settings.annealed, env.env))
+            callbacks.append(Anneal(actor, settings.annealed, self._shaping))
         elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)
@@ -345,35 +354,6 @@ class FineTuner(Ppo):
             )
         require_known(changes, ["n_timesteps", "policy_kwargs"])
         return super().settings(init, {"n_timesteps": cls.timesteps, **changes})
-
-
-class Sac(Sb3Learner):
-    """Soft actor-critic (Haarnoja et al., 2018)."""
-
-    algorithm = SAC
-    hyperparameter_file = "sac.yml"
-    networks: ClassVar = {"pi": "actor.latent_pi.", "qf": "critic.qf0."}
-
-    @staticmethod
-    def actor(model: Any) -> Actor:
-        """The squashed Gaussian actor; its noise is a network's output, not a parameter."""
-        actor = model.policy.actor
-
-        def mean_action(observations: torch.Tensor) -> torch.Tensor:
-            return torch.tanh(actor.mu(actor.latent_pi(observations)))[:, 0]
-
-        def set_noise(log_std: float) -> None:
-            with torch.no_grad():
-                actor.log_std.weight.zero_()
-                actor.log_std.bias.fill_(log_std)
-
-        modules = actor.latent_pi, actor.mu
-        weights = [weight for module in modules for weight in module.parameters()]
-
-        def hold_noise(log_std: float) -> None:
-            model.target_entropy = log_std + 0.5 * math.log(2 * math.pi * math.e)
-
-        return Actor(model, mean_action, weights, [], set_noise, hold_noise)
 
 
 def _meaning(scale: Any) -> str:
@@ -572,9 +552,9 @@ def unpickled(path: Path, params: WheelParams) -> tuple[str, Seeing, Conditions]
     Such files are pickles: reading one runs whatever code it has.
     """
     causes = []
-    for name, kind in (("ppo", Ppo), ("sac", Sac)):
+    for name, kind in (("ppo", PPO), ("sac", SAC)):
         try:
-            model = kind.algorithm.load(path, device="cpu")
+            model = kind.load(path, device="cpu")
             (size,) = model.observation_space.shape or ()
             control = Control(PERIOD, speeds=SPEEDS) if size == COMMANDED_SIZE else USUAL
             conditions = Conditions(params, control=control)

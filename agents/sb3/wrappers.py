@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.conditions import Conditions
-from agents.prior import PotentialShaping, Prior, ReferenceStarts
+from agents.prior import Prior, WithPrior
 from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym.checks import integer, positive
 from rimless_gym.envs.task import Task
@@ -31,19 +31,21 @@ def training_env(
     wrappers: Sequence[Wrapping] = (),
     episode_steps: int | None = None,
     prior: Prior | None = None,
+    prior_wrappers: Sequence[type[WithPrior]] = (),
 ) -> VecEnvWrapper:
     """`n_envs` environments side by side; what monitors them receives the environment's rewards.
 
     `wrappers` are around the monitored ones, from the inside out. The longest episode has
     `episode_steps` control intervals; None: as the environment has them.
-    With a `prior`, the rewards have its potential, and some episodes begin in its states.
+    With a `prior`, its wrappers are around the native environment.
     """
     limit = {} if episode_steps is None else {"max_episode_steps": episode_steps}
     envs: VectorEnv[Any, Any, Any] = conditions.envs(
         n_envs, task=task, autoreset_mode=AutoresetMode.SAME_STEP, **limit
     )
     if prior is not None:
-        envs = PotentialShaping(ReferenceStarts(envs, prior), prior)
+        for around in prior_wrappers:
+            envs = around(envs, prior)
     native = Sb3VecEnv(envs)
     native.seed(seed)
     env: VecEnvWrapper = VecMonitor(native)

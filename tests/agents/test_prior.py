@@ -161,6 +161,25 @@ def test_what_does_not_go_with_deviations_is_refused(tmp_path):
         learner_of(policy_kwargs={"activation_fn": "ReLU"}).parts()
     with pytest.raises(ValueError, match=r"ent_coef = 0.1: noise needs SAC"):
         learner_of("sac", ent_coef=0.1)
+    with pytest.raises(ValueError, match="n_steps = 3: must be 1 with a prior"):
+        learner_of("sac", n_steps=3)
+
+
+def test_sac_samples_rewards_with_the_weight_that_the_potential_has_now():
+    """After a fall the potential is that of a fall, and at a time limit that of the state."""
+    buffer = learner_of("sac").model.replay_buffer
+    seen = observe(BUILDABLE, draw_starts(BUILDABLE, 4, 5))
+    before, after = seen[:2], seen[2:]
+    late = {"TimeLimit.truncated": True}
+    rewards = np.array([0.3, 0.4])
+    buffer.add(before, after, np.zeros((2, 1)), rewards, np.ones(2), [{}, late])
+    change = [PRIOR.fallen, PRIOR.at(after)[1]] - PRIOR.at(before)
+    for buffer.weight in (1.0, 4.0):
+        samples = buffer.sample(32)
+        which = (samples.observations.numpy() == before[1]).all(axis=1).astype(int)
+        wanted = rewards / buffer.weight + 40.0 * change
+        np.testing.assert_allclose(samples.rewards[:, 0], wanted[which], rtol=1e-5)
+        assert set(which) == {0, 1}
 
 
 @pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
