@@ -29,8 +29,8 @@ ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 MOST_ENVS = 65_536
 
 #: What a training changes on its way: the standard deviation of the exploration noise of actions,
-#: and the weight of a prior's potential.
-ANNEALED = ("noise", "potential")
+#: the weight of a prior's potential, and the share of starts in states of its walks.
+ANNEALED = ("noise", "potential", "starts")
 
 #: What is not the algorithm's.
 ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", *ANNEALED)

@@ -33,7 +33,7 @@ from agents.learner import (
     Training,
     require_known,
 )
-from agents.prior import PotentialShaping, ReferenceStarts, WithPrior
+from agents.prior import PotentialShaping, ReferenceStarts, WithPrior, layer
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
@@ -178,10 +178,15 @@ class Sb3Learner(learner.Learner):
         except Exception as error:  # stable-baselines3 refuses arguments in many ways
             raise ValueError(f"{error!r}, with the hyperparameters {self._arguments}") from error
 
-    @property
-    def _shaping(self) -> Any:
-        """What adds a prior's potential to the rewards, with a `weight`."""
-        return wrapped(self._env, Sb3VecEnv).env
+    def _set(self, name: str, value: float) -> None:
+        """Set one of `ANNEALED`."""
+        envs = wrapped(self._env, Sb3VecEnv).env
+        if name == "noise":
+            self.actor(self.model).hold_noise(math.log(value))
+        elif name == "starts":
+            layer(envs, ReferenceStarts).share = value
+        else:
+            layer(envs, PotentialShaping).weight = value
 
     @staticmethod
     @abstractmethod
@@ -263,7 +268,7 @@ class Sb3Learner(learner.Learner):
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            callbacks.append(Anneal(actor, settings.annealed, self._shaping))
+            callbacks.append(Anneal(self._set, settings.annealed))
         elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)
@@ -420,22 +425,19 @@ class Forward(BaseCallback):
 
 
 class Anneal(BaseCallback):
-    """Sets the exploration noise and the weight of the potential `shaping`, before every roll-out.
+    """Sets what changes on the way by its name, before every roll-out.
 
     Noise costs energy, so learning would make it small long before the wheel leaves rest.
     """
 
-    def __init__(self, actor: Actor, annealed: Mapping[str, Annealed], shaping: Any) -> None:
+    def __init__(self, put: Callable[[str, float], None], annealed: Mapping[str, Annealed]) -> None:
         super().__init__()
-        self._actor, self._annealed, self._shaping = actor, annealed, shaping
+        self._put, self._annealed = put, annealed
 
     def _on_rollout_start(self) -> None:
         done = self.num_timesteps / self.model._total_timesteps
-        values = {name: each.at(done) for name, each in self._annealed.items()}
-        if "noise" in values:
-            self._actor.hold_noise(math.log(values["noise"]))
-        if "potential" in values:
-            self._shaping.weight = values["potential"]
+        for name, each in self._annealed.items():
+            self._put(name, each.at(done))
 
     def _on_step(self) -> bool:
         return True

@@ -53,9 +53,12 @@ class Sac(Sb3Learner):
             }
         return super()._new_model(described)
 
-    @property
-    def _shaping(self) -> Any:
-        return self.model.replay_buffer
+    def _set(self, name: str, value: float) -> None:
+        """Set one of `ANNEALED`; the potential is in the replay buffer."""
+        if name == "potential":
+            self.model.replay_buffer.weight = value
+        else:
+            super()._set(name, value)
 
     @staticmethod
     def actor(model: Any) -> Actor:

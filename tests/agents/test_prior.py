@@ -9,7 +9,7 @@ import pytest
 from agents.conditions import Conditions
 from agents.learner import Training, learner_class
 from agents.policy_files import CheckpointError, load_policy
-from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
+from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior, layer
 from agents.rollout import draw_starts
 from agents.sb3.feedforward import Feedforward
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task
@@ -189,19 +189,27 @@ def test_killed_a_training_with_a_prior_ends_with_the_same_policies(tmp_path, mo
     assert_same_policies(whole, run(tmp_path / "killed", algo, prior=PRIOR))
 
 
-def test_noise_and_the_weight_of_the_potential_change_on_the_way(tmp_path, monkeypatch):
-    weights, step = [], PotentialShaping.step
-    monkeypatch.setattr(
-        PotentialShaping, "step", lambda self, a: weights.append(self.weight) or step(self, a)
-    )
-    annealed = {"first": 0.1, "last": 0.001, "begin": 0.3, "end": 0.7}
-    potential = {"first": 8.0, "last": 2.0, "begin": 0.0, "end": 1.0}
-    given = {"noise": annealed, "potential": potential}
+def test_noise_potential_and_starts_change_on_the_way(tmp_path, monkeypatch):
+    seen, step = [], PotentialShaping.step
+
+    def watched(shaping, actions):
+        seen.append((shaping.weight, layer(shaping, ReferenceStarts).share))
+        return step(shaping, actions)
+
+    monkeypatch.setattr(PotentialShaping, "step", watched)
+    given = {
+        "noise": {"first": 0.1, "last": 0.001, "begin": 0.3, "end": 0.7},
+        "potential": {"first": 8.0, "last": 2.0, "begin": 0.0, "end": 1.0},
+        "starts": {"first": 0.8, "last": 0.2, "begin": 0.0, "end": 0.5},
+    }
     last = run(tmp_path, prior=PRIOR, hyperparameters=given).last
     assert load_policy(last).parts.weights["log_std"][0] == pytest.approx(np.log(0.001))
-    assert weights[0] == 8.0
+    assert seen[0] == (8.0, 0.8)
+    weights, shares = zip(*seen, strict=True)
     assert 2.0 < weights[-1] < 4.0
-    assert sorted(weights, reverse=True) == weights
+    assert shares[-1] == pytest.approx(0.2)
+    for values in (weights, shares):
+        assert sorted(values, reverse=True) == list(values)
 
 
 @pytest.mark.slow
