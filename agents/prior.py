@@ -12,7 +12,8 @@ states are that it passes:
 - `ReferenceStarts` lets some episodes begin in states of the law's walks (reference state
   initialisation: Peng, Abbeel, Levine and van de Panne, SIGGRAPH 2018).
 
-Both wrap the native vector environment, so that any learner can use them::
+Both wrap the native vector environment, so that any learner can use them (SAC here adds the
+potential to the rewards that it samples instead, `agents.sb3.sac`)::
 
     prior = law_prior(Conditions(), Task())
     envs = gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep")
@@ -49,7 +50,7 @@ with extra("learn"):
     import torch
     from torch import nn
 
-_Layer = TypeVar("_Layer", bound=VectorWrapper[Any, Any, Any, Any, Any])
+_Kind = TypeVar("_Kind", bound=VectorWrapper[Any, Any, Any, Any, Any])
 
 #: What a vector environment's step returns.
 Stepped: TypeAlias = tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]
@@ -80,7 +81,7 @@ FALL = 0.3
 #: How the potential's network is made and fitted.
 WIDTH, GRADIENT_STEPS, BATCH_SIZE, LEARNING_RATE = 64, 6000, 2048, 3e-3
 
-#: The share of the episodes that begin in a state of the law's walks, unless it is changed.
+#: The share of the episodes that begin in a state of the law's walks, unless it is annealed.
 SHARE = 0.7
 
 #: The seed of the law's walks, and of the fit.
@@ -305,8 +306,8 @@ class WithPrior(VectorWrapper[Any, Any, Any, Any, Any]):
         self.native, self.prior = native, prior
 
 
-def layer(env: Any, kind: type[_Layer]) -> _Layer:
-    """The wrapper of a kind among those with a prior around an environment."""
+def wrapper_of(env: Any, kind: type[_Kind]) -> _Kind:
+    """The wrapper of a kind, with a prior, around an environment."""
     while not isinstance(env, kind):
         env = env.env
     return env

@@ -151,16 +151,19 @@ def hyperparameters(
             values[name] = _schedule(name, values[name])
     if "policy_kwargs" in values:
         values["policy_kwargs"] = policy_kwargs(values["policy_kwargs"])
+    annealed = {
+        name: as_instance(Annealed, name, values.pop(name), None)
+        for name in ANNEALED
+        if name in values
+    }
+    if "starts" in annealed and max(annealed["starts"].first, annealed["starts"].last) > 1:
+        raise ValueError(f"starts = {annealed['starts']}: shares are at most 1")
     return Hyperparameters(
         n_timesteps=n_timesteps,
         n_envs=n_envs,
         wrappers=tuple((_imported(path, given), given) for path, given in wrappers.items()),
         episode_steps=episode_steps and integer("max_episode_steps", episode_steps, 1),
-        annealed={
-            name: as_instance(Annealed, name, values.pop(name), None)
-            for name in ANNEALED
-            if name in values
-        },
+        annealed=annealed,
         algorithm=values,
         entry=written,
     )

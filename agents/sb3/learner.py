@@ -8,6 +8,7 @@ import random
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -33,7 +34,7 @@ from agents.learner import (
     Training,
     require_known,
 )
-from agents.prior import PotentialShaping, ReferenceStarts, WithPrior, layer
+from agents.prior import PotentialShaping, ReferenceStarts, WithPrior, wrapper_of
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
@@ -138,7 +139,8 @@ class Sb3Learner(learner.Learner):
         settings = training.settings
         if not isinstance(settings, Hyperparameters):
             raise TypeError(f"settings = {settings!r}: must be agents.sb3 Hyperparameters")
-        assert not isinstance(training.prior, str)  # `agents.training.train` makes it
+        prior = training.prior
+        assert not isinstance(prior, str)  # `agents.training.train` makes it
         self.training = training
         self._arguments = dict(settings.algorithm)
         self._feedforward: Feedforward | None = None
@@ -159,8 +161,7 @@ class Sb3Learner(learner.Learner):
             training.seed,
             settings.wrappers,
             settings.episode_steps,
-            training.prior,
-            self.prior_wrappers,
+            [partial(kind, prior=prior) for kind in self.prior_wrappers] if prior else [],
         )
         if start is not None:
             self.require_layers(start)
@@ -176,7 +177,8 @@ class Sb3Learner(learner.Learner):
         try:
             return self.algorithm(device="cpu", **arguments)
         except Exception as error:  # stable-baselines3 refuses arguments in many ways
-            raise ValueError(f"{error!r}, with the hyperparameters {self._arguments}") from error
+            given = self.training.settings.written
+            raise ValueError(f"{error!r}, with the hyperparameters {given}") from error
 
     def _set(self, name: str, value: float) -> None:
         """Set one of `ANNEALED`."""
@@ -184,9 +186,9 @@ class Sb3Learner(learner.Learner):
         if name == "noise":
             self.actor(self.model).hold_noise(math.log(value))
         elif name == "starts":
-            layer(envs, ReferenceStarts).share = value
+            wrapper_of(envs, ReferenceStarts).share = value
         else:
-            layer(envs, PotentialShaping).weight = value
+            wrapper_of(envs, PotentialShaping).weight = value
 
     @staticmethod
     @abstractmethod
@@ -268,7 +270,9 @@ class Sb3Learner(learner.Learner):
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            callbacks.append(Anneal(self._set, settings.annealed))
+            anneal = Anneal(self._set, settings.annealed)
+            anneal.at(self.steps / max(until, 1))  # also of the starts before the first roll-out
+            callbacks.append(anneal)
         elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)
@@ -425,7 +429,7 @@ class Forward(BaseCallback):
 
 
 class Anneal(BaseCallback):
-    """Sets what changes on the way by its name, before every roll-out.
+    """Sets what changes on the way, each by its name, before every roll-out.
 
     Noise costs energy, so learning would make it small long before the wheel leaves rest.
     """
@@ -434,10 +438,13 @@ class Anneal(BaseCallback):
         super().__init__()
         self._put, self._annealed = put, annealed
 
-    def _on_rollout_start(self) -> None:
-        done = self.num_timesteps / self.model._total_timesteps
+    def at(self, done: float) -> None:
+        """Set the values after a share `done` of the training."""
         for name, each in self._annealed.items():
             self._put(name, each.at(done))
+
+    def _on_rollout_start(self) -> None:
+        self.at(self.num_timesteps / self.model._total_timesteps)
 
     def _on_step(self) -> bool:
         return True

@@ -13,7 +13,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-from agents.learner import NO_CHANGES, PRIOR, LearnerSettings
+from agents.learner import NO_CHANGES, LearnerSettings
 from agents.prior import Prior, ReferenceStarts
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Actor, Sb3Learner
@@ -36,22 +36,31 @@ class Sac(Sb3Learner):
         given = settings.algorithm
         if "noise" in settings.annealed and given.get("ent_coef", "auto") != "auto":
             raise ValueError(f"ent_coef = {given['ent_coef']}: noise needs SAC's auto; drop one")
-        if init == PRIOR and given.get("n_steps", 1) != 1:
-            raise ValueError(f"n_steps = {given['n_steps']}: must be 1 with a prior; leave it out")
         return settings
 
     def _new_model(self, described: dict[str, Any]) -> Any:
-        """A new model; with a prior, its replay buffer has the potential."""
-        if (prior := self.training.prior) is not None:
-            settings = self.training.settings
-            assert isinstance(prior, Prior)
-            assert isinstance(settings, Hyperparameters)
-            scale = dict(settings.wrappers).get(ScaledRewards, {"scale": 1.0})["scale"]
-            self._arguments |= {
-                "replay_buffer_class": ShapedReplayBuffer,
-                "replay_buffer_kwargs": {"prior": prior, "scale": scale},
-            }
-        return super()._new_model(described)
+        """A new model; with a prior, its replay buffer has the potential.
+
+        Raises:
+            ValueError: the potential cannot be added to what is sampled.
+        """
+        if (prior := self.training.prior) is None:
+            return super()._new_model(described)
+        settings = self.training.settings
+        assert isinstance(prior, Prior)
+        assert isinstance(settings, Hyperparameters)
+        if self._arguments.get("n_steps", 1) != 1:
+            raise ValueError(f"n_steps = {self._arguments['n_steps']}: with a prior it must be 1")
+        scale = dict(settings.wrappers).get(ScaledRewards, {"scale": 1.0})["scale"]
+        buffer = {"prior": prior, "scale": scale}
+        self._arguments |= {
+            "replay_buffer_class": ShapedReplayBuffer,
+            "replay_buffer_kwargs": buffer,
+        }
+        model = super()._new_model(described)
+        if model._vec_normalize_env is not None:
+            raise ValueError("vec_env_wrapper: no VecNormalize with a prior; leave it out")
+        return model
 
     def _set(self, name: str, value: float) -> None:
         """Set one of `ANNEALED`; the potential is in the replay buffer."""
@@ -85,13 +94,14 @@ class Sac(Sb3Learner):
 class ShapedReplayBuffer(ReplayBuffer):
     """Adds the change of a prior's potential to the rewards when they are sampled.
 
-    The weight of the potential changes within a training. Rewards that had been stored with it
-    would be those of another weight by the time they are sampled.
+    The weight of the potential changes within a training; rewards stored with it would have an
+    earlier weight when they are sampled. The potential is that of the observations, with their
+    sensor noise.
 
     Args:
         arguments: of the buffer without a prior.
         prior: whose potential it is.
-        scale: by how much the stored rewards are larger than the environment's.
+        scale: how many times as large as the environment's the stored rewards are.
         more: of the buffer, by name.
 
     Attributes:
