@@ -32,7 +32,6 @@ from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
 from trajopt.feedback.gait_table import (
-    FAR,
     IDENTIFIED_BLEND,
     GaitTable,
     flat,
@@ -68,6 +67,10 @@ WIDER = 1.25, 2.0
 
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
+
+#: By how many control periods the first steps of a machine far from the table's are longer: the
+#: costs to go of the nominal machine lead to that gait, even if its own one lands slowly.
+LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
@@ -186,15 +189,20 @@ class AdaptiveController:
         data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
         return self.guarded(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
+    def nominal_first(self, params: WheelParams) -> bool:
+        """Whether a machine walks by the nominal law until its own gaits are found."""
+        return self.table.far(params) and self.table.has(params.slope)
+
     def own_laws(self, params: WheelParams) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
 
-        The first one's steps last as long as those of the gait that is walked first, the last one's
-        as those of the wanted gait, or as little longer as is found: each gait is continued from
-        the one before, costs at most `COSTLY` times as much, and its law holds it.
+        The first one's steps last as long as those of the gait that is walked first, or `LONGER`,
+        the last one's as those of the wanted gait, or as little longer as is found: each gait is
+        continued from the one before, costs at most `COSTLY` times as much, and its law holds it.
         """
         gait, laws = self.table.gait, list[Floats]()
-        for longer in (0, *[-1] * self.shorter):
+        first = LONGER * self.nominal_first(params)
+        for longer in (first, *[-1] * (first + self.shorter)):
             own = own_gait(gait, params, longer)
             passed = own is not None and own.verification.passed
             if own is None or not passed or (laws and own.cot > COSTLY * gait.cot):
@@ -213,15 +221,18 @@ class AdaptiveController:
     def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        None may slip but on the way to the first gait, which may be far.
+        None may slip but on the way to the first gait, which may be far. The angles have the errors
+        that the encoders' leave in the prediction.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
+        rng, errors = np.random.default_rng(0), np.zeros((len(states), 4))
         for tick in range(ticks):
-            volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
+            noise = self.encoders * rng.standard_normal((len(states), 2))
+            errors[:, :2] += CORRECTED * (noise - errors[:, :2])
+            volts = guarded(states[:, :4] + errors, states[:, MODE].astype(np.int64))
             out = advance(params, states, volts, CONTROL_PERIOD)
-            slips = exceeds(out[:, ROW.friction_demand].max(), params.friction)
-            slips &= shorter > 0 or tick > ticks / 2
+            slips = shorter and exceeds(out[:, ROW.friction_demand].max(), params.friction)
             off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
             leaves = off and shorter and tick > ticks / 2
             if slips or leaves or out[:, ROW.failure].any():
@@ -338,10 +349,14 @@ class AdaptiveWalks:
         return float(volts)
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's."""
+        """The law in use: the plan's, or else the table's; far from its machines, the nominal."""
         make, plan, machine = self.controller, self.plans[row], self.machines[row]
-        planned = plan and make.planned(machine, plan.law, plan.shorter)
-        self._guarded[row] = planned or make.own(machine)
+        if plan is not None:
+            self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
+        elif make.nominal_first(machine):
+            self._guarded[row] = make.guarded(make.table.law)
+        else:
+            self._guarded[row] = make.own(machine)
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
@@ -374,8 +389,8 @@ class AdaptiveWalks:
         """
         controller, params, plan = self.controller, self.machines[row], self.plans[row]
         other, fits = controller.shorter > 0, int(self.identified[row])
-        far = np.linalg.norm(controller.table.steps(params)) > FAR
-        if not ((other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits)):
+        far, enough = controller.table.far(params), 2 * plan.fits if plan else PLANNED[other]
+        if not (other or far) or fits < enough:
             return
         laws = controller.own_laws(params)
         if plan is not None and len(laws) <= plan.shorter:

@@ -32,6 +32,13 @@ SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
 #: them (the root of the sum of squares) has its gait solved for.
 FAR = 2.5
 
+#: A gait stays the same if all these are larger by one share, and the resistance smaller by it.
+#: From angles and voltages alone that share is not identified (docs/feedback.md).
+ALIKE = (
+    *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia", "rotor_inertia"),
+    *("hub_friction", "hub_damping"),
+)
+
 #: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
 #: their kind within it.
 BENT = 0.5
@@ -105,6 +112,12 @@ class GaitTable:
     def has(self, slope: float) -> bool:
         """Whether the table reaches a slope (rad)."""
         return abs(slope - self.params.slope) <= FAR * SLOPE_SPREAD
+
+    def far(self, params: WheelParams) -> bool:
+        """Whether a machine is farther away than `FAR`, but for the share of `ALIKE`."""
+        d, signs = self.steps(params), {**dict.fromkeys(ALIKE, 1.0), "armature_resistance": -1.0}
+        share = np.array([signs.get(name, 0.0) for name in self.names])
+        return bool(np.linalg.norm(d - share * (share @ d) / max(share @ share, 1.0)) > FAR)
 
     def at(self, params: WheelParams) -> Floats:
         """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""

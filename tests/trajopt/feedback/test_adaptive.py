@@ -14,10 +14,11 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, advance, hybrid_states
 from trajopt.feedback import adaptive
 from trajopt.feedback.adaptive import AdaptiveController, sturdy
-from trajopt.feedback.gait_table import GaitTable, flat, gains_of
+from trajopt.feedback.gait_table import ALIKE, GaitTable, flat, gains_of
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import squared_distances
+from trajopt.identification.fit import physical
 from trajopt.store import Store
 
 
@@ -172,6 +173,44 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
     volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
     assert abs(volts[0]) > 0.5
     assert volts[1] == 0.0
+
+
+def test_a_machine_far_from_the_table_walks_by_the_nominal_law_until_its_own_is_found(
+    controller, law, held, monkeypatch
+) -> None:
+    """Its first gait of its own has longer steps."""
+    asked: list[int] = []
+    monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: asked.append(longer))
+    x = hybrid_states(held.state(np.full(2, 0.2)), SINGLE)
+    walks, state = controller.begin(2), controller.begin(2).state()
+    for machine, share in zip(state["machines"], (1.06, 1.02), strict=True):
+        machine["pendulum_length"] *= share
+    walks.restore(state)
+    volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
+    np.testing.assert_allclose(volts, law(x[:, :4]) + [0.0, 0.5], atol=0.01)
+    assert [controller.own_laws(machine) for machine in walks.machines] == [[], []]
+    assert asked == [3, 0]
+
+
+def test_a_share_by_which_everything_is_heavier_makes_no_machine_far(held, law) -> None:
+    """The gait does not depend on it."""
+    table = GaitTable(held, law, physical(held.params), np.zeros((1, 1)))
+
+    def changed(**factors):
+        fields = {name: share * getattr(held.params, name) for name, share in factors.items()}
+        return dataclasses.replace(held.params, **fields)
+
+    alike = {**dict.fromkeys(ALIKE, 1.1), "armature_resistance": 1 / 1.1}
+    assert not table.far(changed(**alike))
+    assert table.far(changed(**alike, pendulum_length=1.06))
+    assert table.far(changed(wheel_mass=1.1))
+
+
+def test_a_law_must_hold_its_gait_with_errors_of_the_encoders(controller, held) -> None:
+    states = held.state(held.duration * np.array([0.2, 0.7]))
+    for errors, holds in ((1e-3, True), (0.03, False)):
+        walking = dataclasses.replace(controller, encoders=errors)
+        assert walking.holds(held.params, controller.table.rows[0], 1, states) == holds
 
 
 @pytest.mark.slow
