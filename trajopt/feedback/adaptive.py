@@ -255,6 +255,7 @@ class AdaptiveWalks:
     Attributes:
         machines: what each is taken to be.
         identified: how often each has been identified.
+        delays: by how many control periods each one's voltage is late, 0 or 1.
         plans: the plan of each that is in use, or None.
         tick: how many decisions were made.
     """
@@ -262,7 +263,7 @@ class AdaptiveWalks:
     def __init__(self, controller: AdaptiveController, n: int, seed: int = 0) -> None:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
-        self.identified = np.zeros(n, dtype=np.int64)
+        self.identified, self.delays = np.zeros((2, n), dtype=np.int64)
         self._guarded = [controller.guarded(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
         self._next: list[list[Plan]] = [[] for _ in range(n)]
@@ -272,7 +273,7 @@ class AdaptiveWalks:
         self._rng = [np.random.default_rng([seed, row]) for row in range(n)]
         # phi, theta, foot, mode, V of the last samples, the latest last
         self._memory = np.full((n, _EVERY, 5), np.nan)
-        self._predicted = np.full((n, STATE_SIZE), np.nan)
+        self._predicted, self._asked = np.full((n, STATE_SIZE), np.nan), np.zeros(n)
 
     def __call__(
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
@@ -306,6 +307,8 @@ class AdaptiveWalks:
             "plans": [plan and list(plan) for plan in self.plans],
             "next": [[list(plan) for plan in each] for each in self._next],
             "identified": self.identified.copy(),
+            "delays": self.delays.copy(),
+            "asked": self._asked.copy(),
             "memory": self._memory.copy(),
             "predicted": self._predicted.copy(),
             "random": [each.bit_generator.state for each in self._rng],
@@ -317,7 +320,8 @@ class AdaptiveWalks:
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
-        self._predicted = np.array(state["predicted"])
+        self._predicted, self._asked = np.array(state["predicted"]), np.array(state["asked"])
+        self.delays = np.array(state["delays"])
         self.plans = [plan and Plan(*plan) for plan in state["plans"]]
         self._next = [[Plan(*plan) for plan in each] for each in state["next"]]
         for row in range(len(self.machines)):
@@ -336,17 +340,24 @@ class AdaptiveWalks:
         return bool(squared_distances(state[None].copy(), orbit) < (self.controller.near / 2) ** 2)
 
     def _volts(self, row: int, state: Floats, mode: int, foot: float) -> float:
-        """The law's voltage; once the machine is identified, its angles are filtered."""
+        """The law's voltage; once the machine is identified, its angles are filtered.
+
+        One that will be a control period late is that of the state in which the wheel will be then.
+        """
         predicted, x = self._predicted[row], state.copy()
         if self.identified[row] and (predicted[MODE], predicted[FOOT]) == (mode, foot):
             error = predicted[:2] - state[:2]
             error -= 2 * np.pi * np.round(error / (2 * np.pi))
             if np.abs(error).max() < SURPRISING * self.controller.encoders:
                 x[:2] += (1 - CORRECTED) * error
-        volts = self._guarded[row](x, mode)
         predicted[:4], predicted[MODE], predicted[FOOT] = x, mode, foot
-        advance(self.machines[row], self._predicted[row : row + 1], volts[None], CONTROL_PERIOD)
-        return float(volts)
+        motion = self.machines[row], self._predicted[row : row + 1], self._asked[row : row + 1]
+        if self.delays[row]:
+            advance(*motion, CONTROL_PERIOD)
+        self._asked[row] = self._guarded[row](predicted[:4].copy(), int(predicted[MODE]))
+        if not self.delays[row]:
+            advance(*motion, CONTROL_PERIOD)
+        return float(self._asked[row])
 
     def _choose(self, row: int) -> None:
         """The law in use: the plan's, or else the table's; far from its machines, the nominal."""
@@ -361,20 +372,26 @@ class AdaptiveWalks:
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
         table, memory = self.controller.table, self._memory[row]
-        phi, theta, foot, mode, volts = memory[~np.isnan(memory[:, 0])].T
+        samples = memory[~np.isnan(memory[:, 0])]
         self._memory[row] = np.nan
-        time = np.asarray(CONTROL_PERIOD * np.arange(len(phi)), dtype=np.float64)
-        known = not np.isnan(self._covariance[row]).any()
-        try:
-            found = identify(
-                Log(time, phi, theta, foot, mode, volts),
-                self.machines[row] if known else table.params,
-                table.names,
-                covariance=FORGETTING * self._covariance[row] if known else None,
-            )
-        except LogError:
+        known, fits = not np.isnan(self._covariance[row]).any(), []
+        for delay in [self.delays[row]] if known else (0, 1):
+            phi, theta, foot, mode, _ = samples[delay:].T
+            time = np.asarray(CONTROL_PERIOD * np.arange(len(phi)), dtype=np.float64)
+            try:
+                found = identify(
+                    Log(time, phi, theta, foot, mode, samples[: len(phi), 4]),
+                    self.machines[row] if known else table.params,
+                    table.names,
+                    covariance=FORGETTING * self._covariance[row] if known else None,
+                )
+            except LogError:
+                continue
+            fits.append((found.chi2, delay, found))
+        if not fits:
             self._covariance[row] = np.nan  # what was known may be wrong; the law stays
             return
+        _, self.delays[row], found = min(fits, key=lambda fit: fit[0])
         self.machines[row], self._covariance[row] = found.params, found.covariance
         self._choose(row)
         self.identified[row] += 1

@@ -79,6 +79,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     states = [each.states for each in Rollout(Conditions(changed), policy, start, 230)]
     assert [len(each) for each in states] == [2] * 230
     assert (kept.identified == 1).all()
+    assert not kept.delays.any()
     found = [machine.pendulum_length for machine in kept.machines]
     np.testing.assert_allclose(found, length, rtol=3e-3)
     assert [(plan.tick, plan.shorter) for plan in kept.plans] == [(220, 1), (220, 1)]
@@ -92,6 +93,27 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     for each in states[150:]:
         np.testing.assert_array_equal(policy(each, None, other), policy(each, None, first))
     assert (other.identified == 1).all()
+
+
+def test_of_a_voltage_that_is_late_it_asks_ahead(controller, held) -> None:
+    """Namely that of the state in which the wheel will be when it is applied."""
+    late = Conditions.of(held.params, None, {"actuator_delay": 1})
+    walks, seen, asked = controller.begin(1), [], []
+
+    def policy(states, observations):
+        seen.append(states[:, :4].copy())
+        volts = walks(np.arange(1), seen[-1], states[:, 4].astype(np.int64), states[:, 5])
+        asked.append(volts)
+        return volts / held.params.voltage_limit
+
+    start = hybrid_states(held.state([0.1]), SINGLE)
+    for _ in Rollout(late, policy, start, 240):
+        assert walks.delays == (len(seen) > 200)
+    assert (walks.identified, len(seen)) == (1, 240)
+    own = controller.own(walks.machines[0])
+    ahead = own(np.concatenate(seen[206:]), np.zeros(34, dtype=np.int64))
+    np.testing.assert_allclose(np.concatenate(asked[205:-1]), ahead, atol=0.05)
+    assert np.abs(np.concatenate(asked[206:]) - ahead).max() > 0.3
 
 
 @pytest.mark.parametrize(("holds", "shorter"), [(True, 1), (False, 0)])
