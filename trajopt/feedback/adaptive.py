@@ -68,8 +68,9 @@ WIDER = 1.25, 2.0
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
 
-#: By how many control periods the first steps of a machine far from the table's are longer: the
-#: costs to go of the nominal machine lead to that gait, even if its own one lands slowly.
+#: By how many control periods the first steps of a machine are longer that is far from the table's
+#: when it is first identified: the costs to go of the nominal machine lead to that gait, even if
+#: its own one lands slowly.
 LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
@@ -189,19 +190,15 @@ class AdaptiveController:
         data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
         return self.guarded(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
-    def nominal_first(self, params: WheelParams) -> bool:
-        """Whether a machine walks by the nominal law until its own gaits are found."""
-        return self.table.far(params) and self.table.has(params.slope)
-
-    def own_laws(self, params: WheelParams) -> list[Floats]:
+    def own_laws(self, params: WheelParams, first: int = 0) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
 
-        The first one's steps last as long as those of the gait that is walked first, or `LONGER`,
-        the last one's as those of the wanted gait, or as little longer as is found: each gait is
-        continued from the one before, costs at most `COSTLY` times as much, and its law holds it.
+        The first one's steps last as long as those of the gait that is walked first, or `first`
+        control periods longer, the last one's as those of the wanted gait, or as little longer as
+        is found: each gait is continued from the one before, costs at most `COSTLY` times as much,
+        and its law holds it.
         """
         gait, laws = self.table.gait, list[Floats]()
-        first = LONGER * self.nominal_first(params)
         for longer in (first, *[-1] * (first + self.shorter)):
             own = own_gait(gait, params, longer)
             passed = own is not None and own.verification.passed
@@ -256,6 +253,8 @@ class AdaptiveWalks:
         machines: what each is taken to be.
         identified: how often each has been identified.
         delays: by how many control periods each one's voltage is late, 0 or 1.
+        longer: by how many its first steps on a gait of its own are longer; the nominal law walks
+            until then, if any.
         plans: the plan of each that is in use, or None.
         tick: how many decisions were made.
     """
@@ -263,7 +262,7 @@ class AdaptiveWalks:
     def __init__(self, controller: AdaptiveController, n: int, seed: int = 0) -> None:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
-        self.identified, self.delays = np.zeros((2, n), dtype=np.int64)
+        self.identified, self.delays, self.longer = np.zeros((3, n), dtype=np.int64)
         self._guarded = [controller.guarded(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
         self._next: list[list[Plan]] = [[] for _ in range(n)]
@@ -308,6 +307,7 @@ class AdaptiveWalks:
             "next": [[list(plan) for plan in each] for each in self._next],
             "identified": self.identified.copy(),
             "delays": self.delays.copy(),
+            "longer": self.longer.copy(),
             "asked": self._asked.copy(),
             "memory": self._memory.copy(),
             "predicted": self._predicted.copy(),
@@ -321,7 +321,7 @@ class AdaptiveWalks:
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
         self._predicted, self._asked = np.array(state["predicted"]), np.array(state["asked"])
-        self.delays = np.array(state["delays"])
+        self.delays, self.longer = np.array(state["delays"]), np.array(state["longer"])
         self.plans = [plan and Plan(*plan) for plan in state["plans"]]
         self._next = [[Plan(*plan) for plan in each] for each in state["next"]]
         for row in range(len(self.machines)):
@@ -360,11 +360,11 @@ class AdaptiveWalks:
         return float(self._asked[row])
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's; far from its machines, the nominal."""
+        """The law in use: the plan's, or else the table's or the nominal one."""
         make, plan, machine = self.controller, self.plans[row], self.machines[row]
         if plan is not None:
             self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
-        elif make.nominal_first(machine):
+        elif self.longer[row]:
             self._guarded[row] = make.guarded(make.table.law)
         else:
             self._guarded[row] = make.own(machine)
@@ -393,8 +393,10 @@ class AdaptiveWalks:
             return
         _, self.delays[row], found = min(fits, key=lambda fit: fit[0])
         self.machines[row], self._covariance[row] = found.params, found.covariance
-        self._choose(row)
         self.identified[row] += 1
+        if self.identified[row] == 1:
+            self.longer[row] = LONGER * (table.far(found.params) and table.has(found.params.slope))
+        self._choose(row)
         if not self._next[row]:
             self._plan(row)
 
@@ -409,7 +411,7 @@ class AdaptiveWalks:
         far, enough = controller.table.far(params), 2 * plan.fits if plan else PLANNED[other]
         if not (other or far) or fits < enough:
             return
-        laws = controller.own_laws(params)
+        laws = controller.own_laws(params, int(self.longer[row]))
         if plan is not None and len(laws) <= plan.shorter:
             states = gains_of(plan.law, controller.table.law.data).orbit.states
             few = states[len(states) // 8 :: len(states) // TRIALS]

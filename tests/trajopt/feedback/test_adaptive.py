@@ -62,7 +62,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
 ) -> None:
     """Then it holds its own gaits, one after the other, each of shorter steps."""
     planned = controller.table.rows[1]
-    monkeypatch.setattr(AdaptiveController, "own_laws", lambda self, params: [planned, planned])
+    monkeypatch.setattr(AdaptiveController, "own_laws", lambda *given: [planned, planned])
     monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
     monkeypatch.setattr(adaptive, "SOLVING", 0.1)
@@ -123,7 +123,7 @@ def test_a_law_stays_in_use_while_it_holds_what_the_machine_is_now_known_to_be(
     """Even if now none of steps as short is found."""
     rows = controller.table.rows
     found = iter([[rows[0], rows[0]], [rows[0]]])
-    monkeypatch.setattr(AdaptiveController, "own_laws", lambda self, params: next(found))
+    monkeypatch.setattr(AdaptiveController, "own_laws", lambda *given: next(found))
     monkeypatch.setattr(AdaptiveController, "holds", lambda self, *given: holds)
     monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
@@ -197,33 +197,47 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
     assert volts[1] == 0.0
 
 
-def test_a_machine_far_from_the_table_walks_by_the_nominal_law_until_its_own_is_found(
+def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_first(
     controller, law, held, monkeypatch
 ) -> None:
-    """Its first gait of its own has longer steps."""
+    """Until its own gait is found, whose steps are longer; later fits make no machine far."""
     asked: list[int] = []
     monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: asked.append(longer))
-    x = hybrid_states(held.state(np.full(2, 0.2)), SINGLE)
-    walks, state = controller.begin(2), controller.begin(2).state()
-    for machine, share in zip(state["machines"], (1.06, 1.02), strict=True):
-        machine["pendulum_length"] *= share
-    walks.restore(state)
-    volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
-    np.testing.assert_allclose(volts, law(x[:, :4]) + [0.0, 0.5], atol=0.01)
-    assert [controller.own_laws(machine) for machine in walks.machines] == [[], []]
-    assert asked == [3, 0]
+    start = hybrid_states(held.state([0.1]), SINGLE)
+
+    def walked(length):
+        machine = dataclasses.replace(held.params, pendulum_length=length)
+        walks = controller.begin(1)
+
+        def policy(states, observations):
+            modes = states[:, 4].astype(np.int64)
+            return walks(np.arange(1), states[:, :4], modes, states[:, 5]) / machine.voltage_limit
+
+        for _ in Rollout(Conditions(machine), policy, start, 202):
+            pass
+        return walks
+
+    near, far = (walked(share * held.params.pendulum_length) for share in (1.02, 1.06))
+    assert (near.longer, far.longer, asked) == (0, 3, [3])
+    state = near.state()
+    state["machines"] = far.state()["machines"]
+    near.restore(state)
+    x = np.ascontiguousarray(held.state([0.2]))
+    volts = [walks(np.arange(1), x, np.zeros(1, int), np.zeros(1))[0] for walks in (near, far)]
+    np.testing.assert_allclose(volts, law(x) + [1.25, 0.0], atol=0.01)
 
 
-def test_a_share_by_which_everything_is_heavier_makes_no_machine_far(held, law) -> None:
-    """The gait does not depend on it."""
+def test_a_share_by_which_everything_is_heavier_changes_no_law(held, law) -> None:
+    """The gait does not depend on it, and no machine is far for it."""
     table = GaitTable(held, law, physical(held.params), np.zeros((1, 1)))
 
     def changed(**factors):
         fields = {name: share * getattr(held.params, name) for name, share in factors.items()}
         return dataclasses.replace(held.params, **fields)
 
-    alike = {**dict.fromkeys(ALIKE, 1.1), "armature_resistance": 1 / 1.1}
+    alike = {name: 1.1**sign for name, sign in ALIKE.items()}
     assert not table.far(changed(**alike))
+    np.testing.assert_allclose(table.steps(changed(**alike)), 0.0, atol=0.5)
     assert table.far(changed(**alike, pendulum_length=1.06))
     assert table.far(changed(wheel_mass=1.1))
 
