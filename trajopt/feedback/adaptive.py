@@ -218,8 +218,8 @@ class AdaptiveController:
     def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        None may slip but on the way to the first gait, which may be far. The angles have the errors
-        that the encoders' leave in the prediction.
+        None may slip, but on the way to the first gait, which may be far, slips do not count. The
+        angles have the errors that the encoders' errors leave in the prediction.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
@@ -229,9 +229,9 @@ class AdaptiveController:
             errors[:, :2] += CORRECTED * (noise - errors[:, :2])
             volts = guarded(states[:, :4] + errors, states[:, MODE].astype(np.int64))
             out = advance(params, states, volts, CONTROL_PERIOD)
-            slips = shorter and exceeds(out[:, ROW.friction_demand].max(), params.friction)
+            slips = shorter > 0 and exceeds(out[:, ROW.friction_demand].max(), params.friction)
             off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
-            leaves = off and shorter and tick > ticks / 2
+            leaves = off and shorter > 0 and tick > ticks / 2
             if slips or leaves or out[:, ROW.failure].any():
                 return False
         return bool((squared_distances(states[:, :4], orbit) < self.near**2).all())
@@ -272,7 +272,7 @@ class AdaptiveWalks:
         self._rng = [np.random.default_rng([seed, row]) for row in range(n)]
         # phi, theta, foot, mode, V of the last samples, the latest last
         self._memory = np.full((n, _EVERY, 5), np.nan)
-        self._predicted, self._asked = np.full((n, STATE_SIZE), np.nan), np.zeros(n)
+        self._predicted, self._commanded = np.full((n, STATE_SIZE), np.nan), np.zeros(n)
 
     def __call__(
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
@@ -308,7 +308,7 @@ class AdaptiveWalks:
             "identified": self.identified.copy(),
             "delays": self.delays.copy(),
             "longer": self.longer.copy(),
-            "asked": self._asked.copy(),
+            "commanded": self._commanded.copy(),
             "memory": self._memory.copy(),
             "predicted": self._predicted.copy(),
             "random": [each.bit_generator.state for each in self._rng],
@@ -320,7 +320,10 @@ class AdaptiveWalks:
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
-        self._predicted, self._asked = np.array(state["predicted"]), np.array(state["asked"])
+        self._predicted, self._commanded = (
+            np.array(state["predicted"]),
+            np.array(state["commanded"]),
+        )
         self.delays, self.longer = np.array(state["delays"]), np.array(state["longer"])
         self.plans = [plan and Plan(*plan) for plan in state["plans"]]
         self._next = [[Plan(*plan) for plan in each] for each in state["next"]]
@@ -342,7 +345,7 @@ class AdaptiveWalks:
     def _volts(self, row: int, state: Floats, mode: int, foot: float) -> float:
         """The law's voltage; once the machine is identified, its angles are filtered.
 
-        One that will be a control period late is that of the state in which the wheel will be then.
+        If voltages come a control period late, it is the law's for the predicted state.
         """
         predicted, x = self._predicted[row], state.copy()
         if self.identified[row] and (predicted[MODE], predicted[FOOT]) == (mode, foot):
@@ -351,20 +354,20 @@ class AdaptiveWalks:
             if np.abs(error).max() < SURPRISING * self.controller.encoders:
                 x[:2] += (1 - CORRECTED) * error
         predicted[:4], predicted[MODE], predicted[FOOT] = x, mode, foot
-        motion = self.machines[row], self._predicted[row : row + 1], self._asked[row : row + 1]
+        motion = self.machines[row], self._predicted[row : row + 1], self._commanded[row : row + 1]
         if self.delays[row]:
             advance(*motion, CONTROL_PERIOD)
-        self._asked[row] = self._guarded[row](predicted[:4].copy(), int(predicted[MODE]))
+        self._commanded[row] = self._guarded[row](predicted[:4].copy(), int(predicted[MODE]))
         if not self.delays[row]:
             advance(*motion, CONTROL_PERIOD)
-        return float(self._asked[row])
+        return float(self._commanded[row])
 
     def _choose(self, row: int) -> None:
         """The law in use: the plan's, or else the table's or the nominal one."""
         make, plan, machine = self.controller, self.plans[row], self.machines[row]
         if plan is not None:
             self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
-        elif self.longer[row]:
+        elif self.longer[row] and make.table.far(machine) and make.table.has(machine.slope):
             self._guarded[row] = make.guarded(make.table.law)
         else:
             self._guarded[row] = make.own(machine)
@@ -412,6 +415,9 @@ class AdaptiveWalks:
         if not (other or far) or fits < enough:
             return
         laws = controller.own_laws(params, int(self.longer[row]))
+        if not laws and self.longer[row]:
+            self.longer[row] = 0
+            laws = controller.own_laws(params)
         if plan is not None and len(laws) <= plan.shorter:
             states = gains_of(plan.law, controller.table.law.data).orbit.states
             few = states[len(states) // 8 :: len(states) // TRIALS]

@@ -36,7 +36,8 @@ FAR = 2.5
 #: and voltages alone that share is not identified (docs/feedback.md).
 ALIKE = {
     **dict.fromkeys(("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia"), 1.0),
-    **dict.fromkeys(("rotor_inertia", "hub_friction"), 1.0),
+    **dict.fromkeys(("rotor_inertia", "hub_friction", "hub_damping"), 1.0),
+    **dict.fromkeys(("drag", "pendulum_drag"), 1.0),
     "armature_resistance": -1.0,
 }
 
@@ -120,7 +121,7 @@ class GaitTable:
         return abs(slope - self.params.slope) <= FAR * SLOPE_SPREAD
 
     def far(self, params: WheelParams) -> bool:
-        """Whether a machine is farther away than `FAR` in all parameters."""
+        """Whether a machine is farther away than `FAR`, all parameters together."""
         return bool(np.linalg.norm(self.steps(params)) > FAR)
 
     def at(self, params: WheelParams) -> Floats:

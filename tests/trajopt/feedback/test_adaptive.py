@@ -95,16 +95,20 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     assert (other.identified == 1).all()
 
 
-def test_of_a_voltage_that_is_late_it_asks_ahead(controller, held) -> None:
-    """Namely that of the state in which the wheel will be when it is applied."""
+def test_a_voltage_that_comes_late_is_that_of_the_predicted_state(controller, held) -> None:
+    """A restored walk goes on bit for bit."""
     late = Conditions.of(held.params, None, {"actuator_delay": 1})
-    walks, seen, asked = controller.begin(1), [], []
+    walks, seen, commanded, restored = controller.begin(1), [], [], controller.begin(1)
 
     def policy(states, observations):
+        if len(seen) == 220:
+            restored.restore(walks.state())
         seen.append(states[:, :4].copy())
-        volts = walks(np.arange(1), seen[-1], states[:, 4].astype(np.int64), states[:, 5])
-        asked.append(volts)
-        return volts / held.params.voltage_limit
+        given = np.arange(1), seen[-1], states[:, 4].astype(np.int64), states[:, 5]
+        commanded.append(walks(*given))
+        if len(seen) > 220:
+            np.testing.assert_array_equal(restored(*given), commanded[-1])
+        return commanded[-1] / held.params.voltage_limit
 
     start = hybrid_states(held.state([0.1]), SINGLE)
     for _ in Rollout(late, policy, start, 240):
@@ -112,8 +116,8 @@ def test_of_a_voltage_that_is_late_it_asks_ahead(controller, held) -> None:
     assert (walks.identified, len(seen)) == (1, 240)
     own = controller.own(walks.machines[0])
     ahead = own(np.concatenate(seen[206:]), np.zeros(34, dtype=np.int64))
-    np.testing.assert_allclose(np.concatenate(asked[205:-1]), ahead, atol=0.05)
-    assert np.abs(np.concatenate(asked[206:]) - ahead).max() > 0.3
+    np.testing.assert_allclose(np.concatenate(commanded[205:-1]), ahead, atol=0.05)
+    assert np.abs(np.concatenate(commanded[206:]) - ahead).max() > 0.3
 
 
 @pytest.mark.parametrize(("holds", "shorter"), [(True, 1), (False, 0)])
@@ -200,9 +204,9 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
 def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_first(
     controller, law, held, monkeypatch
 ) -> None:
-    """Until its own gait is found, whose steps are longer; later fits make no machine far."""
-    asked: list[int] = []
-    monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: asked.append(longer))
+    """Until a gait of its own is found, whose steps are longer. Later fits are not decisive."""
+    wanted: list[int] = []
+    monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: wanted.append(longer))
     start = hybrid_states(held.state([0.1]), SINGLE)
 
     def walked(length):
@@ -218,17 +222,19 @@ def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_
         return walks
 
     near, far = (walked(share * held.params.pendulum_length) for share in (1.02, 1.06))
-    assert (near.longer, far.longer, asked) == (0, 3, [3])
-    state = near.state()
-    state["machines"] = far.state()["machines"]
-    near.restore(state)
-    x = np.ascontiguousarray(held.state([0.2]))
-    volts = [walks(np.arange(1), x, np.zeros(1, int), np.zeros(1))[0] for walks in (near, far)]
-    np.testing.assert_allclose(volts, law(x) + [1.25, 0.0], atol=0.01)
+    assert (near.longer, far.longer, wanted) == (0, 0, [3, 0])
+    x, each = np.ascontiguousarray(held.state([0.2])), far.state()["machines"]
+    for machine, longer, shift in ((each, 3, 0.0), (each, 0, 1.25), (near.state(), 3, 0.5)):
+        state = far.state() | {"longer": np.array([longer])}
+        state["machines"] = machine if machine is each else machine["machines"]
+        walks = controller.begin(1)
+        walks.restore(state)
+        volts = walks(np.arange(1), x, np.zeros(1, dtype=np.int64), np.zeros(1))
+        np.testing.assert_allclose(volts, law(x) + shift, atol=0.02)
 
 
 def test_a_share_by_which_everything_is_heavier_changes_no_law(held, law) -> None:
-    """The gait does not depend on it, and no machine is far for it."""
+    """The motion does not depend on it, and it makes no machine far."""
     table = GaitTable(held, law, physical(held.params), np.zeros((1, 1)))
 
     def changed(**factors):
@@ -236,6 +242,10 @@ def test_a_share_by_which_everything_is_heavier_changes_no_law(held, law) -> Non
         return dataclasses.replace(held.params, **fields)
 
     alike = {name: 1.1**sign for name, sign in ALIKE.items()}
+    states = [hybrid_states(held.state([0.1, 0.3]), SINGLE) for _ in range(2)]
+    for params, x in zip((held.params, changed(**alike)), states, strict=True):
+        advance(params, x, np.array([3.0, -4.0]), 0.01)
+    np.testing.assert_allclose(states[0], states[1], atol=1e-9)
     assert not table.far(changed(**alike))
     np.testing.assert_allclose(table.steps(changed(**alike)), 0.0, atol=0.5)
     assert table.far(changed(**alike, pendulum_length=1.06))
