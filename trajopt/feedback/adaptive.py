@@ -367,7 +367,7 @@ class AdaptiveWalks:
         make, plan, machine = self.controller, self.plans[row], self.machines[row]
         if plan is not None:
             self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
-        elif self.longer[row] and make.table.far(machine) and make.table.has(machine.slope):
+        elif self.longer[row] and make.table.has(machine.slope):
             self._guarded[row] = make.guarded(make.table.law)
         else:
             self._guarded[row] = make.own(machine)
@@ -417,6 +417,7 @@ class AdaptiveWalks:
         laws = controller.own_laws(params, int(self.longer[row]))
         if not laws and self.longer[row]:
             self.longer[row] = 0
+            self._choose(row)
             laws = controller.own_laws(params)
         if plan is not None and len(laws) <= plan.shorter:
             states = gains_of(plan.law, controller.table.law.data).orbit.states
