@@ -32,7 +32,6 @@ from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
 from trajopt.feedback.gait_table import (
-    FAR,
     IDENTIFIED_BLEND,
     GaitTable,
     flat,
@@ -68,6 +67,11 @@ WIDER = 1.25, 2.0
 
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
+
+#: By how many control periods the first steps of a machine are longer that is far from the table's
+#: when it is first identified: the costs to go of the nominal machine lead to that gait, even if
+#: its own one lands slowly.
+LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
@@ -186,15 +190,16 @@ class AdaptiveController:
         data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
         return self.guarded(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
-    def own_laws(self, params: WheelParams) -> list[Floats]:
+    def own_laws(self, params: WheelParams, first: int = 0) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
 
-        The first one's steps last as long as those of the gait that is walked first, the last one's
-        as those of the wanted gait, or as little longer as is found: each gait is continued from
-        the one before, costs at most `COSTLY` times as much, and its law holds it.
+        The first one's steps last as long as those of the gait that is walked first, or `first`
+        control periods longer, the last one's as those of the wanted gait, or as little longer as
+        is found: each gait is continued from the one before, costs at most `COSTLY` times as much,
+        and its law holds it.
         """
         gait, laws = self.table.gait, list[Floats]()
-        for longer in (0, *[-1] * self.shorter):
+        for longer in (first, *[-1] * (first + self.shorter)):
             own = own_gait(gait, params, longer)
             passed = own is not None and own.verification.passed
             if own is None or not passed or (laws and own.cot > COSTLY * gait.cot):
@@ -213,17 +218,20 @@ class AdaptiveController:
     def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        None may slip but on the way to the first gait, which may be far.
+        None may slip, but on the way to the first gait, which may be far, slips do not count. The
+        angles have the errors that the encoders' errors leave in the prediction.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
+        rng, errors = np.random.default_rng(0), np.zeros((len(states), 4))
         for tick in range(ticks):
-            volts = guarded(states[:, :4], states[:, MODE].astype(np.int64))
+            noise = self.encoders * rng.standard_normal((len(states), 2))
+            errors[:, :2] += CORRECTED * (noise - errors[:, :2])
+            volts = guarded(states[:, :4] + errors, states[:, MODE].astype(np.int64))
             out = advance(params, states, volts, CONTROL_PERIOD)
-            slips = exceeds(out[:, ROW.friction_demand].max(), params.friction)
-            slips &= shorter > 0 or tick > ticks / 2
+            slips = shorter > 0 and exceeds(out[:, ROW.friction_demand].max(), params.friction)
             off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
-            leaves = off and shorter and tick > ticks / 2
+            leaves = off and shorter > 0 and tick > ticks / 2
             if slips or leaves or out[:, ROW.failure].any():
                 return False
         return bool((squared_distances(states[:, :4], orbit) < self.near**2).all())
@@ -244,6 +252,9 @@ class AdaptiveWalks:
     Attributes:
         machines: what each is taken to be.
         identified: how often each has been identified.
+        delays: by how many control periods each one's voltage is late, 0 or 1.
+        longer: by how many its first steps on a gait of its own are longer; the nominal law walks
+            until then, if any.
         plans: the plan of each that is in use, or None.
         tick: how many decisions were made.
     """
@@ -251,7 +262,7 @@ class AdaptiveWalks:
     def __init__(self, controller: AdaptiveController, n: int, seed: int = 0) -> None:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
-        self.identified = np.zeros(n, dtype=np.int64)
+        self.identified, self.delays, self.longer = np.zeros((3, n), dtype=np.int64)
         self._guarded = [controller.guarded(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
         self._next: list[list[Plan]] = [[] for _ in range(n)]
@@ -261,7 +272,7 @@ class AdaptiveWalks:
         self._rng = [np.random.default_rng([seed, row]) for row in range(n)]
         # phi, theta, foot, mode, V of the last samples, the latest last
         self._memory = np.full((n, _EVERY, 5), np.nan)
-        self._predicted = np.full((n, STATE_SIZE), np.nan)
+        self._predicted, self._commanded = np.full((n, STATE_SIZE), np.nan), np.zeros(n)
 
     def __call__(
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
@@ -295,6 +306,9 @@ class AdaptiveWalks:
             "plans": [plan and list(plan) for plan in self.plans],
             "next": [[list(plan) for plan in each] for each in self._next],
             "identified": self.identified.copy(),
+            "delays": self.delays.copy(),
+            "longer": self.longer.copy(),
+            "commanded": self._commanded.copy(),
             "memory": self._memory.copy(),
             "predicted": self._predicted.copy(),
             "random": [each.bit_generator.state for each in self._rng],
@@ -306,7 +320,11 @@ class AdaptiveWalks:
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
-        self._predicted = np.array(state["predicted"])
+        self._predicted, self._commanded = (
+            np.array(state["predicted"]),
+            np.array(state["commanded"]),
+        )
+        self.delays, self.longer = np.array(state["delays"]), np.array(state["longer"])
         self.plans = [plan and Plan(*plan) for plan in state["plans"]]
         self._next = [[Plan(*plan) for plan in each] for each in state["next"]]
         for row in range(len(self.machines)):
@@ -325,44 +343,63 @@ class AdaptiveWalks:
         return bool(squared_distances(state[None].copy(), orbit) < (self.controller.near / 2) ** 2)
 
     def _volts(self, row: int, state: Floats, mode: int, foot: float) -> float:
-        """The law's voltage; once the machine is identified, its angles are filtered."""
+        """The law's voltage; once the machine is identified, its angles are filtered.
+
+        If voltages come a control period late, it is the law's for the predicted state.
+        """
         predicted, x = self._predicted[row], state.copy()
         if self.identified[row] and (predicted[MODE], predicted[FOOT]) == (mode, foot):
             error = predicted[:2] - state[:2]
             error -= 2 * np.pi * np.round(error / (2 * np.pi))
             if np.abs(error).max() < SURPRISING * self.controller.encoders:
                 x[:2] += (1 - CORRECTED) * error
-        volts = self._guarded[row](x, mode)
         predicted[:4], predicted[MODE], predicted[FOOT] = x, mode, foot
-        advance(self.machines[row], self._predicted[row : row + 1], volts[None], CONTROL_PERIOD)
-        return float(volts)
+        motion = self.machines[row], self._predicted[row : row + 1], self._commanded[row : row + 1]
+        if self.delays[row]:
+            advance(*motion, CONTROL_PERIOD)
+        self._commanded[row] = self._guarded[row](predicted[:4].copy(), int(predicted[MODE]))
+        if not self.delays[row]:
+            advance(*motion, CONTROL_PERIOD)
+        return float(self._commanded[row])
 
     def _choose(self, row: int) -> None:
-        """The law in use: the plan's, or else the table's."""
+        """The law in use: the plan's, or else the table's or the nominal one."""
         make, plan, machine = self.controller, self.plans[row], self.machines[row]
-        planned = plan and make.planned(machine, plan.law, plan.shorter)
-        self._guarded[row] = planned or make.own(machine)
+        if plan is not None:
+            self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
+        elif self.longer[row] and make.table.has(machine.slope):
+            self._guarded[row] = make.guarded(make.table.law)
+        else:
+            self._guarded[row] = make.own(machine)
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""
         table, memory = self.controller.table, self._memory[row]
-        phi, theta, foot, mode, volts = memory[~np.isnan(memory[:, 0])].T
+        samples = memory[~np.isnan(memory[:, 0])]
         self._memory[row] = np.nan
-        time = np.asarray(CONTROL_PERIOD * np.arange(len(phi)), dtype=np.float64)
-        known = not np.isnan(self._covariance[row]).any()
-        try:
-            found = identify(
-                Log(time, phi, theta, foot, mode, volts),
-                self.machines[row] if known else table.params,
-                table.names,
-                covariance=FORGETTING * self._covariance[row] if known else None,
-            )
-        except LogError:
+        known, fits = not np.isnan(self._covariance[row]).any(), []
+        for delay in [self.delays[row]] if known else (0, 1):
+            phi, theta, foot, mode, _ = samples[delay:].T
+            time = np.asarray(CONTROL_PERIOD * np.arange(len(phi)), dtype=np.float64)
+            try:
+                found = identify(
+                    Log(time, phi, theta, foot, mode, samples[: len(phi), 4]),
+                    self.machines[row] if known else table.params,
+                    table.names,
+                    covariance=FORGETTING * self._covariance[row] if known else None,
+                )
+            except LogError:
+                continue
+            fits.append((found.chi2, delay, found))
+        if not fits:
             self._covariance[row] = np.nan  # what was known may be wrong; the law stays
             return
+        _, self.delays[row], found = min(fits, key=lambda fit: fit[0])
         self.machines[row], self._covariance[row] = found.params, found.covariance
-        self._choose(row)
         self.identified[row] += 1
+        if self.identified[row] == 1:
+            self.longer[row] = LONGER * (table.far(found.params) and table.has(found.params.slope))
+        self._choose(row)
         if not self._next[row]:
             self._plan(row)
 
@@ -374,10 +411,14 @@ class AdaptiveWalks:
         """
         controller, params, plan = self.controller, self.machines[row], self.plans[row]
         other, fits = controller.shorter > 0, int(self.identified[row])
-        far = np.linalg.norm(controller.table.steps(params)) > FAR
-        if not ((other or far) and fits >= (PLANNED[other] if plan is None else 2 * plan.fits)):
+        far, enough = controller.table.far(params), 2 * plan.fits if plan else PLANNED[other]
+        if not (other or far) or fits < enough:
             return
-        laws = controller.own_laws(params)
+        laws = controller.own_laws(params, int(self.longer[row]))
+        if not laws and self.longer[row]:
+            self.longer[row] = 0
+            self._choose(row)
+            laws = controller.own_laws(params)
         if plan is not None and len(laws) <= plan.shorter:
             states = gains_of(plan.law, controller.table.law.data).orbit.states
             few = states[len(states) // 8 :: len(states) // TRIALS]

@@ -32,6 +32,15 @@ SPREAD, SLOPE_SPREAD = 0.02, math.radians(0.25)
 #: them (the root of the sum of squares) has its gait solved for.
 FAR = 2.5
 
+#: A gait stays the same if all these change by one share, the resistance the other way. From angles
+#: and voltages alone that share is not identified (docs/feedback.md).
+ALIKE = {
+    **dict.fromkeys(("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia"), 1.0),
+    **dict.fromkeys(("rotor_inertia", "hub_friction", "hub_damping"), 1.0),
+    **dict.fromkeys(("drag", "pendulum_drag"), 1.0),
+    "armature_resistance": -1.0,
+}
+
 #: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
 #: their kind within it.
 BENT = 0.5
@@ -98,13 +107,22 @@ class GaitTable:
         return self.law.params
 
     def steps(self, params: WheelParams) -> Floats:
-        """How many of the table's steps a machine is away in every parameter, (k,)."""
+        """How many of the table's steps a machine is away in every parameter, (k,).
+
+        The share of `ALIKE`, on which no gait depends, is left out.
+        """
         changes = [getattr(params, name) - getattr(self.params, name) for name in self.names]
-        return np.array(changes) / _steps(self.params, self.names)
+        d = np.array(changes) / _steps(self.params, self.names)
+        alike = np.array([ALIKE.get(name, 0.0) for name in self.names])
+        return np.asarray(d - alike * (alike @ d) / max(alike @ alike, 1.0))
 
     def has(self, slope: float) -> bool:
         """Whether the table reaches a slope (rad)."""
         return abs(slope - self.params.slope) <= FAR * SLOPE_SPREAD
+
+    def far(self, params: WheelParams) -> bool:
+        """Whether a machine is farther away than `FAR`, all parameters together."""
+        return bool(np.linalg.norm(self.steps(params)) > FAR)
 
     def at(self, params: WheelParams) -> Floats:
         """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""

@@ -14,10 +14,11 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, advance, hybrid_states
 from trajopt.feedback import adaptive
 from trajopt.feedback.adaptive import AdaptiveController, sturdy
-from trajopt.feedback.gait_table import GaitTable, flat, gains_of
+from trajopt.feedback.gait_table import ALIKE, GaitTable, flat, gains_of
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import squared_distances
+from trajopt.identification.fit import physical
 from trajopt.store import Store
 
 
@@ -61,7 +62,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
 ) -> None:
     """Then it holds its own gaits, one after the other, each of shorter steps."""
     planned = controller.table.rows[1]
-    monkeypatch.setattr(AdaptiveController, "own_laws", lambda self, params: [planned, planned])
+    monkeypatch.setattr(AdaptiveController, "own_laws", lambda *given: [planned, planned])
     monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
     monkeypatch.setattr(adaptive, "SOLVING", 0.1)
@@ -78,6 +79,7 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     states = [each.states for each in Rollout(Conditions(changed), policy, start, 230)]
     assert [len(each) for each in states] == [2] * 230
     assert (kept.identified == 1).all()
+    assert not kept.delays.any()
     found = [machine.pendulum_length for machine in kept.machines]
     np.testing.assert_allclose(found, length, rtol=3e-3)
     assert [(plan.tick, plan.shorter) for plan in kept.plans] == [(220, 1), (220, 1)]
@@ -93,6 +95,31 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     assert (other.identified == 1).all()
 
 
+def test_a_voltage_that_comes_late_is_that_of_the_predicted_state(controller, held) -> None:
+    """A restored walk goes on bit for bit."""
+    late = Conditions.of(held.params, None, {"actuator_delay": 1})
+    walks, seen, commanded, restored = controller.begin(1), [], [], controller.begin(1)
+
+    def policy(states, observations):
+        if len(seen) == 220:
+            restored.restore(walks.state())
+        seen.append(states[:, :4].copy())
+        given = np.arange(1), seen[-1], states[:, 4].astype(np.int64), states[:, 5]
+        commanded.append(walks(*given))
+        if len(seen) > 220:
+            np.testing.assert_array_equal(restored(*given), commanded[-1])
+        return commanded[-1] / held.params.voltage_limit
+
+    start = hybrid_states(held.state([0.1]), SINGLE)
+    for _ in Rollout(late, policy, start, 240):
+        assert walks.delays == (len(seen) > 200)
+    assert (walks.identified, len(seen)) == (1, 240)
+    own = controller.own(walks.machines[0])
+    ahead = own(np.concatenate(seen[206:]), np.zeros(34, dtype=np.int64))
+    np.testing.assert_allclose(np.concatenate(commanded[205:-1]), ahead, atol=0.05)
+    assert np.abs(np.concatenate(commanded[206:]) - ahead).max() > 0.3
+
+
 @pytest.mark.parametrize(("holds", "shorter"), [(True, 1), (False, 0)])
 def test_a_law_stays_in_use_while_it_holds_what_the_machine_is_now_known_to_be(
     controller, held, monkeypatch, holds, shorter
@@ -100,7 +127,7 @@ def test_a_law_stays_in_use_while_it_holds_what_the_machine_is_now_known_to_be(
     """Even if now none of steps as short is found."""
     rows = controller.table.rows
     found = iter([[rows[0], rows[0]], [rows[0]]])
-    monkeypatch.setattr(AdaptiveController, "own_laws", lambda self, params: next(found))
+    monkeypatch.setattr(AdaptiveController, "own_laws", lambda *given: next(found))
     monkeypatch.setattr(AdaptiveController, "holds", lambda self, *given: holds)
     monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
@@ -172,6 +199,62 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
     volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
     assert abs(volts[0]) > 0.5
     assert volts[1] == 0.0
+
+
+def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_first(
+    controller, law, held, monkeypatch
+) -> None:
+    """Until a gait of its own is found, whose steps are longer. Later fits are not decisive."""
+    wanted: list[int] = []
+    monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: wanted.append(longer))
+    start = hybrid_states(held.state([0.1]), SINGLE)
+
+    def walked(length):
+        machine = dataclasses.replace(held.params, pendulum_length=length)
+        walks = controller.begin(1)
+
+        def policy(states, observations):
+            modes = states[:, 4].astype(np.int64)
+            return walks(np.arange(1), states[:, :4], modes, states[:, 5]) / machine.voltage_limit
+
+        for _ in Rollout(Conditions(machine), policy, start, 202):
+            pass
+        return walks
+
+    near, far = (walked(share * held.params.pendulum_length) for share in (1.02, 1.06))
+    assert (near.longer, far.longer, wanted) == (0, 0, [3, 0])
+    x = np.ascontiguousarray(held.state([0.2]))
+    for longer, shift in ((3, 0.0), (0, 1.25)):
+        walks = controller.begin(1)
+        walks.restore(far.state() | {"longer": np.array([longer])})
+        volts = walks(np.arange(1), x, np.zeros(1, dtype=np.int64), np.zeros(1))
+        np.testing.assert_allclose(volts, law(x) + shift, atol=0.02)
+
+
+def test_a_share_by_which_everything_is_heavier_changes_no_law(held, law) -> None:
+    """The motion does not depend on it, and it makes no machine far."""
+    table = GaitTable(held, law, physical(held.params), np.zeros((1, 1)))
+
+    def changed(**factors):
+        fields = {name: share * getattr(held.params, name) for name, share in factors.items()}
+        return dataclasses.replace(held.params, **fields)
+
+    alike = {name: 1.1**sign for name, sign in ALIKE.items()}
+    states = [hybrid_states(held.state([0.1, 0.3]), SINGLE) for _ in range(2)]
+    for params, x in zip((held.params, changed(**alike)), states, strict=True):
+        advance(params, x, np.array([3.0, -4.0]), 0.01)
+    np.testing.assert_allclose(states[0], states[1], atol=1e-9)
+    assert not table.far(changed(**alike))
+    np.testing.assert_allclose(table.steps(changed(**alike)), 0.0, atol=0.5)
+    assert table.far(changed(**alike, pendulum_length=1.06))
+    assert table.far(changed(wheel_mass=1.1))
+
+
+def test_a_law_must_hold_its_gait_with_errors_of_the_encoders(controller, held) -> None:
+    states = held.state(held.duration * np.array([0.2, 0.7]))
+    for errors, holds in ((1e-3, True), (0.03, False)):
+        walking = dataclasses.replace(controller, encoders=errors)
+        assert walking.holds(held.params, controller.table.rows[0], 1, states) == holds
 
 
 @pytest.mark.slow
