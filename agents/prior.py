@@ -25,7 +25,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
@@ -49,8 +49,6 @@ from trajopt.feedback.law import Floats
 with extra("learn"):
     import torch
     from torch import nn
-
-_Kind = TypeVar("_Kind", bound=VectorWrapper[Any, Any, Any, Any, Any])
 
 #: What a vector environment's step returns.
 Stepped: TypeAlias = tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]
@@ -81,7 +79,7 @@ FALL = 0.3
 #: How the potential's network is made and fitted.
 WIDTH, GRADIENT_STEPS, BATCH_SIZE, LEARNING_RATE = 64, 6000, 2048, 3e-3
 
-#: The share of the episodes that begin in a state of the law's walks, unless it is annealed.
+#: The share of the episodes that begin in a state of the law's walks.
 SHARE = 0.7
 
 #: The seed of the law's walks, and of the fit.
@@ -306,13 +304,6 @@ class WithPrior(VectorWrapper[Any, Any, Any, Any, Any]):
         self.native, self.prior = native, prior
 
 
-def wrapper_of(env: Any, kind: type[_Kind]) -> _Kind:
-    """The wrapper of a kind, with a prior, around an environment."""
-    while not isinstance(env, kind):
-        env = env.env
-    return env
-
-
 class PotentialShaping(WithPrior):
     """Adds the change of a prior's potential to the reward.
 
@@ -355,14 +346,7 @@ class ReferenceStarts(WithPrior):
     """Begins a share of the episodes in states of a prior's walks.
 
     Resets with a given state are left as they are.
-
-    Attributes:
-        share: of the episodes.
     """
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], prior: Prior) -> None:
-        super().__init__(env, prior)
-        self.share = SHARE
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes, some of them in states of the prior's walks."""
@@ -384,7 +368,7 @@ class ReferenceStarts(WithPrior):
     def _begin(self, rows: NDArray[np.bool_], seen: Any, info: dict[str, Any]) -> Any:
         """Begin some of the rows again; the rows' own generators decide which, and where."""
         generators, states = self.native.np_random, self.prior.states
-        chosen = [i for i in np.flatnonzero(rows) if generators[i].random() < self.share]
+        chosen = [i for i in np.flatnonzero(rows) if generators[i].random() < SHARE]
         if not chosen:
             return seen
         begin = states[[generators[i].integers(len(states)) for i in chosen]]

@@ -34,7 +34,7 @@ from agents.learner import (
     Training,
     require_known,
 )
-from agents.prior import PotentialShaping, ReferenceStarts, WithPrior, wrapper_of
+from agents.prior import PotentialShaping, ReferenceStarts, WithPrior
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
@@ -180,15 +180,10 @@ class Sb3Learner(learner.Learner):
             given = self.training.settings.written
             raise ValueError(f"{error!r}, with the hyperparameters {given}") from error
 
-    def _set(self, name: str, value: float) -> None:
-        """Set one of `ANNEALED`."""
-        envs = wrapped(self._env, Sb3VecEnv).env
-        if name == "noise":
-            self.actor(self.model).hold_noise(math.log(value))
-        elif name == "starts":
-            wrapper_of(envs, ReferenceStarts).share = value
-        else:
-            wrapper_of(envs, PotentialShaping).weight = value
+    @property
+    def _shaping(self) -> Any:
+        """What adds a prior's potential to the rewards, with a `weight`."""
+        return wrapped(self._env, Sb3VecEnv).env
 
     @staticmethod
     @abstractmethod
@@ -270,9 +265,7 @@ class Sb3Learner(learner.Learner):
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            anneal = Anneal(self._set, settings.annealed)
-            anneal.at(self.steps / max(until, 1))  # also of the starts before the first roll-out
-            callbacks.append(anneal)
+            callbacks.append(Anneal(actor, settings.annealed, self._shaping))
         elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)
@@ -429,22 +422,22 @@ class Forward(BaseCallback):
 
 
 class Anneal(BaseCallback):
-    """Sets what changes on the way, each by its name, before every roll-out.
+    """Sets the exploration noise and the weight of the potential `shaping`, before every roll-out.
 
     Noise costs energy, so learning would make it small long before the wheel leaves rest.
     """
 
-    def __init__(self, put: Callable[[str, float], None], annealed: Mapping[str, Annealed]) -> None:
+    def __init__(self, actor: Actor, annealed: Mapping[str, Annealed], shaping: Any) -> None:
         super().__init__()
-        self._put, self._annealed = put, annealed
-
-    def at(self, done: float) -> None:
-        """Set the values after a share `done` of the training."""
-        for name, each in self._annealed.items():
-            self._put(name, each.at(done))
+        self._actor, self._annealed, self._shaping = actor, annealed, shaping
 
     def _on_rollout_start(self) -> None:
-        self.at(self.num_timesteps / self.model._total_timesteps)
+        done = self.num_timesteps / self.model._total_timesteps
+        values = {name: each.at(done) for name, each in self._annealed.items()}
+        if "noise" in values:
+            self._actor.hold_noise(math.log(values["noise"]))
+        if "potential" in values:
+            self._shaping.weight = values["potential"]
 
     def _on_step(self) -> bool:
         return True

@@ -62,12 +62,9 @@ class Sac(Sb3Learner):
             raise ValueError("vec_env_wrapper: no VecNormalize with a prior; leave it out")
         return model
 
-    def _set(self, name: str, value: float) -> None:
-        """Set one of `ANNEALED`; the potential is in the replay buffer."""
-        if name == "potential":
-            self.model.replay_buffer.weight = value
-        else:
-            super()._set(name, value)
+    @property
+    def _shaping(self) -> Any:
+        return self.model.replay_buffer
 
     @staticmethod
     def actor(model: Any) -> Actor:
