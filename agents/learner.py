@@ -35,7 +35,7 @@ LEARNERS = {
     "evolution": "agents.evolution.learner:Evolution",
     "gradients": "agents.sb3.gradients:Gradients",
     "ppo": "agents.sb3.learner:Ppo",
-    "sac": "agents.sb3.learner:Sac",
+    "sac": "agents.sb3.sac:Sac",
 }
 
 #: What a training can begin from, besides a policy's file.

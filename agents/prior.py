@@ -12,7 +12,8 @@ states are that it passes:
 - `ReferenceStarts` lets some episodes begin in states of the law's walks (reference state
   initialisation: Peng, Abbeel, Levine and van de Panne, SIGGRAPH 2018).
 
-Both wrap the native vector environment, so that any learner can use them::
+Both wrap the native vector environment, so that any learner can use them (SAC here adds the
+potential to the rewards that it samples instead, `agents.sb3.sac`)::
 
     prior = law_prior(Conditions(), Task())
     envs = gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep")
@@ -24,7 +25,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
@@ -48,6 +49,8 @@ from trajopt.feedback.law import Floats
 with extra("learn"):
     import torch
     from torch import nn
+
+_Kind = TypeVar("_Kind", bound=VectorWrapper[Any, Any, Any, Any, Any])
 
 #: What a vector environment's step returns.
 Stepped: TypeAlias = tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]
@@ -78,7 +81,7 @@ FALL = 0.3
 #: How the potential's network is made and fitted.
 WIDTH, GRADIENT_STEPS, BATCH_SIZE, LEARNING_RATE = 64, 6000, 2048, 3e-3
 
-#: The share of the episodes that begin in a state of the law's walks.
+#: The share of the episodes that begin in a state of the law's walks, unless it is annealed.
 SHARE = 0.7
 
 #: The seed of the law's walks, and of the fit.
@@ -303,6 +306,13 @@ class WithPrior(VectorWrapper[Any, Any, Any, Any, Any]):
         self.native, self.prior = native, prior
 
 
+def wrapper_of(env: Any, kind: type[_Kind]) -> _Kind:
+    """The wrapper of a kind, with a prior, around an environment."""
+    while not isinstance(env, kind):
+        env = env.env
+    return env
+
+
 class PotentialShaping(WithPrior):
     """Adds the change of a prior's potential to the reward.
 
@@ -345,7 +355,14 @@ class ReferenceStarts(WithPrior):
     """Begins a share of the episodes in states of a prior's walks.
 
     Resets with a given state are left as they are.
+
+    Attributes:
+        share: of the episodes.
     """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], prior: Prior) -> None:
+        super().__init__(env, prior)
+        self.share = SHARE
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes, some of them in states of the prior's walks."""
@@ -367,7 +384,7 @@ class ReferenceStarts(WithPrior):
     def _begin(self, rows: NDArray[np.bool_], seen: Any, info: dict[str, Any]) -> Any:
         """Begin some of the rows again; the rows' own generators decide which, and where."""
         generators, states = self.native.np_random, self.prior.states
-        chosen = [i for i in np.flatnonzero(rows) if generators[i].random() < SHARE]
+        chosen = [i for i in np.flatnonzero(rows) if generators[i].random() < self.share]
         if not chosen:
             return seen
         begin = states[[generators[i].integers(len(states)) for i in chosen]]

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from torch import nn
 
@@ -30,8 +29,8 @@ ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 MOST_ENVS = 65_536
 
 #: What a training changes on its way: the standard deviation of the exploration noise of actions,
-#: and the weight of a prior's potential.
-ANNEALED = ("noise", "potential")
+#: the weight of a prior's potential, and the share of starts in states of its walks.
+ANNEALED = ("noise", "potential", "starts")
 
 #: What is not the algorithm's.
 ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", *ANNEALED)
@@ -150,20 +149,21 @@ def hyperparameters(
     for name in ("learning_rate", "clip_range"):
         if name in values:
             values[name] = _schedule(name, values[name])
-    if algorithm is SAC and "noise" in values and values.get("ent_coef", "auto") != "auto":
-        raise ValueError(f"ent_coef = {values['ent_coef']}: noise needs SAC's auto; drop one")
     if "policy_kwargs" in values:
         values["policy_kwargs"] = policy_kwargs(values["policy_kwargs"])
+    annealed = {
+        name: as_instance(Annealed, name, values.pop(name), None)
+        for name in ANNEALED
+        if name in values
+    }
+    if "starts" in annealed and max(annealed["starts"].first, annealed["starts"].last) > 1:
+        raise ValueError(f"starts = {annealed['starts']}: shares are at most 1")
     return Hyperparameters(
         n_timesteps=n_timesteps,
         n_envs=n_envs,
         wrappers=tuple((_imported(path, given), given) for path, given in wrappers.items()),
         episode_steps=episode_steps and integer("max_episode_steps", episode_steps, 1),
-        annealed={
-            name: as_instance(Annealed, name, values.pop(name), None)
-            for name in ANNEALED
-            if name in values
-        },
+        annealed=annealed,
         algorithm=values,
         entry=written,
     )

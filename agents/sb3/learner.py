@@ -1,4 +1,4 @@
-"""PPO and SAC of stable-baselines3 in our vector environment, and what such learners share."""
+"""PPO of stable-baselines3 in our vector environment, and what its algorithms share."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import random
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -33,6 +34,7 @@ from agents.learner import (
     Training,
     require_known,
 )
+from agents.prior import PotentialShaping, ReferenceStarts, WithPrior, wrapper_of
 from agents.rollout import Act, Policy, Seeing
 from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
@@ -122,6 +124,7 @@ class Sb3Learner(learner.Learner):
         algorithm: of stable-baselines3.
         hyperparameter_file: name of its file in `agents/hyperparams`.
         networks: its entries of `net_arch`, and what the names of their weights begin with.
+        prior_wrappers: around the native environment in a training with a prior.
         model: that learns.
     """
 
@@ -129,15 +132,17 @@ class Sb3Learner(learner.Learner):
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
     networks: ClassVar[Mapping[str, str]]
+    prior_wrappers: ClassVar[tuple[type[WithPrior], ...]] = (ReferenceStarts, PotentialShaping)
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         torch.set_num_threads(1)
         settings = training.settings
         if not isinstance(settings, Hyperparameters):
             raise TypeError(f"settings = {settings!r}: must be agents.sb3 Hyperparameters")
-        assert not isinstance(training.prior, str)  # `agents.training.train` makes it
+        prior = training.prior
+        assert not isinstance(prior, str)  # `agents.training.train` makes it
         self.training = training
-        self._arguments = settings.algorithm
+        self._arguments = dict(settings.algorithm)
         self._feedforward: Feedforward | None = None
         for kind, given in settings.wrappers:
             if kind is BackEmfFeedforward:
@@ -156,7 +161,7 @@ class Sb3Learner(learner.Learner):
             training.seed,
             settings.wrappers,
             settings.episode_steps,
-            training.prior,
+            [partial(kind, prior=prior) for kind in self.prior_wrappers] if prior else [],
         )
         if start is not None:
             self.require_layers(start)
@@ -172,7 +177,18 @@ class Sb3Learner(learner.Learner):
         try:
             return self.algorithm(device="cpu", **arguments)
         except Exception as error:  # stable-baselines3 refuses arguments in many ways
-            raise ValueError(f"{error!r}, with the hyperparameters {self._arguments}") from error
+            given = self.training.settings.written
+            raise ValueError(f"{error!r}, with the hyperparameters {given}") from error
+
+    def _set(self, name: str, value: float) -> None:
+        """Set one of `ANNEALED`."""
+        envs = wrapped(self._env, Sb3VecEnv).env
+        if name == "noise":
+            self.actor(self.model).hold_noise(math.log(value))
+        elif name == "starts":
+            wrapper_of(envs, ReferenceStarts).share = value
+        else:
+            wrapper_of(envs, PotentialShaping).weight = value
 
     @staticmethod
     @abstractmethod
@@ -254,7 +270,9 @@ class Sb3Learner(learner.Learner):
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            callbacks.append(Anneal(actor, settings.annealed, env.env))
+            anneal = Anneal(self._set, settings.annealed)
+            anneal.at(self.steps / max(until, 1))  # also of the starts before the first roll-out
+            callbacks.append(anneal)
         elif self.training.init != SCRATCH:
             callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
         self.model.set_logger(callback.log)
@@ -347,35 +365,6 @@ class FineTuner(Ppo):
         return super().settings(init, {"n_timesteps": cls.timesteps, **changes})
 
 
-class Sac(Sb3Learner):
-    """Soft actor-critic (Haarnoja et al., 2018)."""
-
-    algorithm = SAC
-    hyperparameter_file = "sac.yml"
-    networks: ClassVar = {"pi": "actor.latent_pi.", "qf": "critic.qf0."}
-
-    @staticmethod
-    def actor(model: Any) -> Actor:
-        """The squashed Gaussian actor; its noise is a network's output, not a parameter."""
-        actor = model.policy.actor
-
-        def mean_action(observations: torch.Tensor) -> torch.Tensor:
-            return torch.tanh(actor.mu(actor.latent_pi(observations)))[:, 0]
-
-        def set_noise(log_std: float) -> None:
-            with torch.no_grad():
-                actor.log_std.weight.zero_()
-                actor.log_std.bias.fill_(log_std)
-
-        modules = actor.latent_pi, actor.mu
-        weights = [weight for module in modules for weight in module.parameters()]
-
-        def hold_noise(log_std: float) -> None:
-            model.target_entropy = log_std + 0.5 * math.log(2 * math.pi * math.e)
-
-        return Actor(model, mean_action, weights, [], set_noise, hold_noise)
-
-
 def _meaning(scale: Any) -> str:
     """What actions are, in words."""
     return "voltages" if scale is None else f"{scale} times deviations from the back-EMF"
@@ -440,22 +429,22 @@ class Forward(BaseCallback):
 
 
 class Anneal(BaseCallback):
-    """Sets the exploration noise and the weight of the potential `shaping`, before every roll-out.
+    """Sets what changes on the way, each by its name, before every roll-out.
 
     Noise costs energy, so learning would make it small long before the wheel leaves rest.
     """
 
-    def __init__(self, actor: Actor, annealed: Mapping[str, Annealed], shaping: Any) -> None:
+    def __init__(self, put: Callable[[str, float], None], annealed: Mapping[str, Annealed]) -> None:
         super().__init__()
-        self._actor, self._annealed, self._shaping = actor, annealed, shaping
+        self._put, self._annealed = put, annealed
+
+    def at(self, done: float) -> None:
+        """Set the values after a share `done` of the training."""
+        for name, each in self._annealed.items():
+            self._put(name, each.at(done))
 
     def _on_rollout_start(self) -> None:
-        done = self.num_timesteps / self.model._total_timesteps
-        values = {name: each.at(done) for name, each in self._annealed.items()}
-        if "noise" in values:
-            self._actor.hold_noise(math.log(values["noise"]))
-        if "potential" in values:
-            self._shaping.weight = values["potential"]
+        self.at(self.num_timesteps / self.model._total_timesteps)
 
     def _on_step(self) -> bool:
         return True
@@ -572,9 +561,9 @@ def unpickled(path: Path, params: WheelParams) -> tuple[str, Seeing, Conditions]
     Such files are pickles: reading one runs whatever code it has.
     """
     causes = []
-    for name, kind in (("ppo", Ppo), ("sac", Sac)):
+    for name, kind in (("ppo", PPO), ("sac", SAC)):
         try:
-            model = kind.algorithm.load(path, device="cpu")
+            model = kind.load(path, device="cpu")
             (size,) = model.observation_space.shape or ()
             control = Control(PERIOD, speeds=SPEEDS) if size == COMMANDED_SIZE else USUAL
             conditions = Conditions(params, control=control)

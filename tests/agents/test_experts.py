@@ -1,10 +1,12 @@
 """One expert for many commanded speeds."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.experts import GainSchedule, ScheduledLaw, gain_schedule
+from agents.experts import GainSchedule, OwnLaws, ScheduledLaw, gain_schedule
 from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, SINGLE
@@ -70,3 +72,15 @@ def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed():
         if k >= 1000:
             distance[interval.running] += interval.info["distance"]
     assert distance / 6.0 == pytest.approx(schedule.speeds[0], rel=0.02)
+
+
+def test_a_machines_own_law_acts_from_as_far_away_as_its_gait_is_from_the_nominal_one():
+    nominal = SimpleNamespace(duration=1.0, state=lambda times: np.repeat(STATE[:, :4], 10, axis=0))
+    own = SimpleNamespace(data=law(0.56, 0.0, offset=0.1))
+    controller = SimpleNamespace(
+        table=SimpleNamespace(gait=nominal, has=lambda slope: True),
+        law_of=lambda machine: own,
+        guarded=lambda law, wider: wider,
+        near=0.05,
+    )
+    assert OwnLaws(controller).own(BUILDABLE) == pytest.approx(1.0 + 0.1 / 0.05, rel=1e-3)

@@ -9,9 +9,11 @@ import pytest
 from agents.conditions import Conditions
 from agents.learner import Training, learner_class
 from agents.policy_files import CheckpointError, load_policy
-from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior
+from agents.prior import SHARE, PotentialShaping, Prior, ReferenceStarts, law_prior, wrapper_of
 from agents.rollout import draw_starts
 from agents.sb3.feedforward import Feedforward
+from agents.sb3.vec_env import Sb3VecEnv
+from agents.sb3.wrappers import wrapped
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.task import TERM_NAMES
@@ -161,6 +163,34 @@ def test_what_does_not_go_with_deviations_is_refused(tmp_path):
         learner_of(policy_kwargs={"activation_fn": "ReLU"}).parts()
     with pytest.raises(ValueError, match=r"ent_coef = 0.1: noise needs SAC"):
         learner_of("sac", ent_coef=0.1)
+    with pytest.raises(ValueError, match="n_steps = 3: with a prior it must be 1"):
+        learner_of("sac", n_steps=3)
+    normalised = {"stable_baselines3.common.vec_env.VecNormalize": {}}
+    with pytest.raises(ValueError, match="no VecNormalize with a prior"):
+        learner_of("sac", vec_env_wrapper=[normalised])
+    with pytest.raises(ValueError, match="shares are at most 1"):
+        learner_of(starts={"first": 5.0, "last": 0.1, "begin": 0.0, "end": 1.0})
+
+
+def test_sac_samples_rewards_with_the_weight_that_the_potential_has_now():
+    """After a fall the potential is that of a fall, and at a time limit that of the state."""
+    learner = learner_of("sac")
+    buffer, envs = learner.model.replay_buffer, wrapped(learner.model.env, Sb3VecEnv).env
+    assert isinstance(envs, ReferenceStarts)  # and no potential besides
+    assert envs.env is envs.unwrapped
+    seen = observe(BUILDABLE, draw_starts(BUILDABLE, 4, 5))
+    before, after = seen[:2], seen[2:]
+    late = {"TimeLimit.truncated": True}
+    rewards = np.array([0.3, 0.4])
+    buffer.add(before, after, np.zeros((2, 1)), rewards, np.ones(2), [{}, late])
+    change = [PRIOR.fallen, PRIOR.at(after)[1]] - PRIOR.at(before)
+    for weight in (1.0, 4.0):
+        learner._set("potential", weight)
+        samples = buffer.sample(32)
+        which = (samples.observations.numpy() == before[1]).all(axis=1).astype(int)
+        wanted = rewards / weight + 40.0 * change
+        np.testing.assert_allclose(samples.rewards[:, 0], wanted[which], rtol=1e-5)
+        assert set(which) == {0, 1}
 
 
 @pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
@@ -170,19 +200,27 @@ def test_killed_a_training_with_a_prior_ends_with_the_same_policies(tmp_path, mo
     assert_same_policies(whole, run(tmp_path / "killed", algo, prior=PRIOR))
 
 
-def test_noise_and_the_weight_of_the_potential_change_on_the_way(tmp_path, monkeypatch):
-    weights, step = [], PotentialShaping.step
-    monkeypatch.setattr(
-        PotentialShaping, "step", lambda self, a: weights.append(self.weight) or step(self, a)
-    )
-    annealed = {"first": 0.1, "last": 0.001, "begin": 0.3, "end": 0.7}
-    potential = {"first": 8.0, "last": 2.0, "begin": 0.0, "end": 1.0}
-    given = {"noise": annealed, "potential": potential}
+def test_noise_potential_and_starts_change_on_the_way(tmp_path, monkeypatch):
+    seen, step = [], PotentialShaping.step
+
+    def watched(shaping, actions):
+        seen.append((shaping.weight, wrapper_of(shaping, ReferenceStarts).share))
+        return step(shaping, actions)
+
+    monkeypatch.setattr(PotentialShaping, "step", watched)
+    given = {
+        "noise": {"first": 0.1, "last": 0.001, "begin": 0.3, "end": 0.7},
+        "potential": {"first": 8.0, "last": 2.0, "begin": 0.0, "end": 1.0},
+        "starts": {"first": 0.8, "last": 0.2, "begin": 0.0, "end": 0.5},
+    }
     last = run(tmp_path, prior=PRIOR, hyperparameters=given).last
     assert load_policy(last).parts.weights["log_std"][0] == pytest.approx(np.log(0.001))
-    assert weights[0] == 8.0
+    assert seen[0] == (8.0, 0.8)
+    weights, shares = zip(*seen, strict=True)
     assert 2.0 < weights[-1] < 4.0
-    assert sorted(weights, reverse=True) == weights
+    assert shares[-1] == pytest.approx(0.2)
+    for values in (weights, shares):
+        assert sorted(values, reverse=True) == list(values)
 
 
 @pytest.mark.slow

@@ -51,6 +51,7 @@ ROWS = (
         Trained("gradients", IMITATION, None, LAST_ONLY, start=Other(IMITATED, CLONE)),
     ),
     StudyRow("ppo", "PPO from scratch", LEARNED, Trained("ppo", files=KEPT)),
+    StudyRow("sac", "SAC from scratch", LEARNED, Trained("sac", files=KEPT)),
     WITH_PRIOR,
     StudyRow(
         "ppo_prior_cma_es",

@@ -40,6 +40,15 @@ def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
     assert min(each.cot for each in result.curve) < 0.995 * result.curve[0].cot
 
 
+def test_its_starts_are_chosen_anew_after_some_generations(tmp_path, monkeypatch):
+    ends = []
+    for renewed in (1, 99):
+        monkeypatch.setattr(cma_es, "RENEWED", renewed)
+        out = tmp_path / str(renewed)
+        ends.append(weights(run(out, "cma_es", init=CLONE, timesteps=2 * GENERATION).last))
+    assert not np.array_equal(*ends)
+
+
 def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
     def begin(name):
         return run(tmp_path / name, "cma_es", init=CLONE, timesteps=3 * GENERATION)

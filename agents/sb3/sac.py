@@ -1,0 +1,123 @@
+"""SAC of stable-baselines3 in our vector environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import SAC
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+
+from agents.learner import NO_CHANGES, LearnerSettings
+from agents.prior import Prior, ReferenceStarts
+from agents.sb3.hyperparameters import Hyperparameters
+from agents.sb3.learner import Actor, Sb3Learner
+from agents.sb3.wrappers import ScaledRewards
+
+
+class Sac(Sb3Learner):
+    """Soft actor-critic (Haarnoja et al., 2018)."""
+
+    algorithm = SAC
+    hyperparameter_file = "sac.yml"
+    networks: ClassVar = {"pi": "actor.latent_pi.", "qf": "critic.qf0."}
+    prior_wrappers = (ReferenceStarts,)
+
+    @classmethod
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
+        """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
+        settings = super().settings(init, changes)
+        assert isinstance(settings, Hyperparameters)
+        given = settings.algorithm
+        if "noise" in settings.annealed and given.get("ent_coef", "auto") != "auto":
+            raise ValueError(f"ent_coef = {given['ent_coef']}: noise needs SAC's auto; drop one")
+        return settings
+
+    def _new_model(self, described: dict[str, Any]) -> Any:
+        """A new model; with a prior, its replay buffer has the potential.
+
+        Raises:
+            ValueError: the potential cannot be added to what is sampled.
+        """
+        if (prior := self.training.prior) is None:
+            return super()._new_model(described)
+        settings = self.training.settings
+        assert isinstance(prior, Prior)
+        assert isinstance(settings, Hyperparameters)
+        if self._arguments.get("n_steps", 1) != 1:
+            raise ValueError(f"n_steps = {self._arguments['n_steps']}: with a prior it must be 1")
+        scale = dict(settings.wrappers).get(ScaledRewards, {"scale": 1.0})["scale"]
+        buffer = {"prior": prior, "scale": scale}
+        self._arguments |= {
+            "replay_buffer_class": ShapedReplayBuffer,
+            "replay_buffer_kwargs": buffer,
+        }
+        model = super()._new_model(described)
+        if model._vec_normalize_env is not None:
+            raise ValueError("vec_env_wrapper: no VecNormalize with a prior; leave it out")
+        return model
+
+    def _set(self, name: str, value: float) -> None:
+        """Set one of `ANNEALED`; the potential is in the replay buffer."""
+        if name == "potential":
+            self.model.replay_buffer.weight = value
+        else:
+            super()._set(name, value)
+
+    @staticmethod
+    def actor(model: Any) -> Actor:
+        """The squashed Gaussian actor; its noise is a network's output, not a parameter."""
+        actor = model.policy.actor
+
+        def mean_action(observations: torch.Tensor) -> torch.Tensor:
+            return torch.tanh(actor.mu(actor.latent_pi(observations)))[:, 0]
+
+        def set_noise(log_std: float) -> None:
+            with torch.no_grad():
+                actor.log_std.weight.zero_()
+                actor.log_std.bias.fill_(log_std)
+
+        modules = actor.latent_pi, actor.mu
+        weights = [weight for module in modules for weight in module.parameters()]
+
+        def hold_noise(log_std: float) -> None:
+            model.target_entropy = log_std + 0.5 * math.log(2 * math.pi * math.e)
+
+        return Actor(model, mean_action, weights, [], set_noise, hold_noise)
+
+
+class ShapedReplayBuffer(ReplayBuffer):
+    """Adds the change of a prior's potential to the rewards when they are sampled.
+
+    The weight of the potential changes within a training; rewards stored with it would have an
+    earlier weight when they are sampled. The potential is that of the observations, with their
+    sensor noise.
+
+    Args:
+        arguments: of the buffer without a prior.
+        prior: whose potential it is.
+        scale: how many times as large as the environment's the stored rewards are.
+        more: of the buffer, by name.
+
+    Attributes:
+        weight: see `agents.prior.PotentialShaping`.
+    """
+
+    def __init__(self, *arguments: Any, prior: Prior, scale: float, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self._prior, self._scale, self.weight = prior, scale, 1.0
+
+    def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
+        """Samples of these steps, with other rewards."""
+        samples = super()._get_samples(batch_inds, env)
+        before = self._prior.at(samples.observations.numpy())
+        after = self._prior.at(samples.next_observations.numpy())
+        fell = samples.dones[:, 0].numpy() > 0.5
+        change = self._scale * (np.where(fell, self._prior.fallen, after) - before)
+        added = torch.from_numpy(change[:, None].astype(np.float32))
+        return samples._replace(rewards=samples.rewards / self.weight + added)
