@@ -104,7 +104,7 @@ class OwnGait(NamedTuple):
 def robustness(
     *,
     out: Path = Path("runs/robustness"),
-    machines: Count = 8,
+    machines: Count = 16,
     starts: Count = 2,
     seconds: Positive = 28.0,
     candidates: Several = (),
