@@ -1,4 +1,4 @@
-"""PPO of stable-baselines3 in our vector environment, and what its algorithms share."""
+"""PPO of stable-baselines3 in our vector environment, and what such learners share."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class Sb3Learner(learner.Learner):
         algorithm: of stable-baselines3.
         hyperparameter_file: name of its file in `agents/hyperparams`.
         networks: its entries of `net_arch`, and what the names of their weights begin with.
-        prior_wrappers: around the native environment in a training with a prior.
+        prior_wrappers: of the native environment, in a training with a prior.
         model: that learns.
     """
 
@@ -161,7 +161,9 @@ class Sb3Learner(learner.Learner):
             training.seed,
             settings.wrappers,
             settings.episode_steps,
-            [partial(kind, prior=prior) for kind in self.prior_wrappers] if prior else [],
+            [partial(kind, prior=prior) for kind in self.prior_wrappers]
+            if prior is not None
+            else [],
         )
         if start is not None:
             self.require_layers(start)

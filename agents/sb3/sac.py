@@ -30,7 +30,11 @@ class Sac(Sb3Learner):
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
-        """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
+        """The entry of `agents/hyperparams/sac.yml`.
+
+        Raises:
+            ValueError: noise is annealed, and the temperature is fixed.
+        """
         settings = super().settings(init, changes)
         assert isinstance(settings, Hyperparameters)
         given = settings.algorithm
@@ -51,11 +55,10 @@ class Sac(Sb3Learner):
         assert isinstance(settings, Hyperparameters)
         if self._arguments.get("n_steps", 1) != 1:
             raise ValueError(f"n_steps = {self._arguments['n_steps']}: with a prior it must be 1")
-        scale = dict(settings.wrappers).get(ScaledRewards, {"scale": 1.0})["scale"]
-        buffer = {"prior": prior, "scale": scale}
+        scales = [given["scale"] for kind, given in settings.wrappers if kind is ScaledRewards]
         self._arguments |= {
             "replay_buffer_class": ShapedReplayBuffer,
-            "replay_buffer_kwargs": buffer,
+            "replay_buffer_kwargs": {"prior": prior, "scale": math.prod(scales)},
         }
         model = super()._new_model(described)
         if model._vec_normalize_env is not None:
@@ -91,15 +94,15 @@ class Sac(Sb3Learner):
 class ShapedReplayBuffer(ReplayBuffer):
     """Adds the change of a prior's potential to the rewards when they are sampled.
 
-    The weight of the potential changes within a training; rewards stored with it would have an
-    earlier weight when they are sampled. The potential is that of the observations, with their
-    sensor noise.
+    The weight of the potential changes within a training, so rewards that were shaped when they
+    were stored would have an outdated weight. The potential is that of the observations, with
+    their sensor noise.
 
     Args:
-        arguments: of the buffer without a prior.
+        arguments: of `ReplayBuffer`.
         prior: whose potential it is.
         scale: how many times as large as the environment's the stored rewards are.
-        more: of the buffer, by name.
+        more: keyword arguments of `ReplayBuffer`.
 
     Attributes:
         weight: see `agents.prior.PotentialShaping`.

@@ -35,7 +35,7 @@ def training_env(
 
     `wrappers` are around the monitored ones, from the inside out. The longest episode has
     `episode_steps` control intervals; None: as the environment has them.
-    Those with a prior, `native_wrappers`, are below the monitor.
+    `native_wrappers` are around the native environment, below the monitor.
     """
     limit = {} if episode_steps is None else {"max_episode_steps": episode_steps}
     envs: VectorEnv[Any, Any, Any] = conditions.envs(

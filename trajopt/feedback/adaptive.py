@@ -68,9 +68,8 @@ WIDER = 1.25, 2.0
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
 
-#: By how many control periods the first steps of a machine are longer that is far from the table's
-#: when it is first identified: the costs to go of the nominal machine lead to that gait, even if
-#: its own one lands slowly.
+#: For a machine whose first fit is far from the table, the first steps are longer by so many control
+#: periods: the nominal machine's costs to go lead to that gait, even if its own one lands slowly.
 LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
@@ -120,8 +119,8 @@ class AdaptiveController:
         startup: leads the nominal machine to that gait; another machine's uses its costs to go.
         near: distance from a gait up to which its law acts.
         wanted: the gait to come to: the first one, or one of shorter steps.
-        encoders: standard deviation of the errors that are added to the logged angles (rad), where
-            a simulation's are exact.
+        encoders: standard deviation of the encoders' errors (rad); errors of this size are added to
+            the logged angles, which a simulation has exactly.
     """
 
     table: GaitTable
@@ -218,8 +217,8 @@ class AdaptiveController:
     def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        None may slip, but on the way to the first gait, which may be far, slips do not count. The
-        angles have the errors that the encoders' errors leave in the prediction.
+        The angles have the noise that is left after filtering. A slip is a failure, except on the
+        way to the first gait, which may be far.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
@@ -253,8 +252,8 @@ class AdaptiveWalks:
         machines: what each is taken to be.
         identified: how often each has been identified.
         delays: by how many control periods each one's voltage is late, 0 or 1.
-        longer: by how many its first steps on a gait of its own are longer; the nominal law walks
-            until then, if any.
+        longer: by how many the first steps on a gait of its own are longer; if not 0, the nominal
+            law acts until that gait is found.
         plans: the plan of each that is in use, or None.
         tick: how many decisions were made.
     """
@@ -377,12 +376,12 @@ class AdaptiveWalks:
         table, memory = self.controller.table, self._memory[row]
         samples = memory[~np.isnan(memory[:, 0])]
         self._memory[row] = np.nan
-        known, fits = not np.isnan(self._covariance[row]).any(), []
+        known, candidates = not np.isnan(self._covariance[row]).any(), []
         for delay in [self.delays[row]] if known else (0, 1):
             phi, theta, foot, mode, _ = samples[delay:].T
             time = np.asarray(CONTROL_PERIOD * np.arange(len(phi)), dtype=np.float64)
             try:
-                found = identify(
+                fit = identify(
                     Log(time, phi, theta, foot, mode, samples[: len(phi), 4]),
                     self.machines[row] if known else table.params,
                     table.names,
@@ -390,11 +389,11 @@ class AdaptiveWalks:
                 )
             except LogError:
                 continue
-            fits.append((found.chi2, delay, found))
-        if not fits:
+            candidates.append((delay, fit))
+        if not candidates:
             self._covariance[row] = np.nan  # what was known may be wrong; the law stays
             return
-        _, self.delays[row], found = min(fits, key=lambda fit: fit[0])
+        self.delays[row], found = min(candidates, key=lambda each: each[1].chi2)
         self.machines[row], self._covariance[row] = found.params, found.covariance
         self.identified[row] += 1
         if self.identified[row] == 1:
@@ -415,7 +414,7 @@ class AdaptiveWalks:
         if not (other or far) or fits < enough:
             return
         laws = controller.own_laws(params, int(self.longer[row]))
-        if not laws and self.longer[row]:
+        if not laws and plan is None and self.longer[row]:
             self.longer[row] = 0
             self._choose(row)
             laws = controller.own_laws(params)

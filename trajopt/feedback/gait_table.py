@@ -109,7 +109,7 @@ class GaitTable:
     def steps(self, params: WheelParams) -> Floats:
         """How many of the table's steps a machine is away in every parameter, (k,).
 
-        The share of `ALIKE`, on which no gait depends, is left out.
+        The component along `ALIKE`, on which no gait depends, is projected out.
         """
         changes = [getattr(params, name) - getattr(self.params, name) for name in self.names]
         d = np.array(changes) / _steps(self.params, self.names)
