@@ -68,8 +68,9 @@ WIDER = 1.25, 2.0
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
 
-#: For a machine whose first fit is far from the table, the first steps are longer by so many control
-#: periods: the nominal machine's costs to go lead to that gait, even if its own one lands slowly.
+#: For a machine whose first fit is far from the table, the first steps are longer by so many
+#: control periods: the nominal machine's costs to go lead to that gait, even if its own one lands
+#: slowly.
 LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
