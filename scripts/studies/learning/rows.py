@@ -63,7 +63,7 @@ ROWS = (
         "sac_prior",
         "SAC with the law as prior",
         LEARNED,
-        Trained("sac", files=LAST_ONLY, prior=LAW),
+        Trained("sac", files=KEPT, prior=LAW),
     ),
     EVOLVED,
     DISTILLED,
