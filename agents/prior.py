@@ -12,8 +12,8 @@ states are that it passes:
 - `ReferenceStarts` lets some episodes begin in states of the law's walks (reference state
   initialisation: Peng, Abbeel, Levine and van de Panne, SIGGRAPH 2018).
 
-Both wrap the native vector environment, so that any learner can use them. (`agents.sb3.sac` uses
-only the second, and adds the potential to the rewards that it samples.) ::
+Both wrap the native vector environment, so that any learner can use them; `agents.sb3.sac` uses
+only the second, and adds the potential to the rewards that it samples::
 
     prior = law_prior(Conditions(), Task())
     envs = gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep")

@@ -142,7 +142,6 @@ class Sb3Learner(learner.Learner):
         prior = training.prior
         assert not isinstance(prior, str)  # `agents.training.train` makes it
         self.training = training
-        self._arguments = dict(settings.algorithm)
         self._feedforward: Feedforward | None = None
         for kind, given in settings.wrappers:
             if kind is BackEmfFeedforward:
@@ -171,16 +170,17 @@ class Sb3Learner(learner.Learner):
         if start is not None:
             put_weights(self.model, start.weights)
 
-    def _new_model(self, described: dict[str, Any]) -> Any:
+    def _new_model(self, described: dict[str, Any], **more: Any) -> Any:
         """A new model with the networks of the hyperparameters, or those that are described."""
-        arguments = {"env": self._env, "seed": self.training.seed, **self._arguments}
+        settings = self.training.settings
+        assert isinstance(settings, Hyperparameters)
+        arguments = {"env": self._env, "seed": self.training.seed, **settings.algorithm, **more}
         if "policy_kwargs" in described:
             arguments["policy_kwargs"] = policy_kwargs(described["policy_kwargs"])
         try:
             return self.algorithm(device="cpu", **arguments)
         except Exception as error:  # stable-baselines3 refuses arguments in many ways
-            given = self.training.settings.written
-            raise ValueError(f"{error!r}, with the hyperparameters {given}") from error
+            raise ValueError(f"{error!r}, with the hyperparameters {settings.algorithm}") from error
 
     @property
     def _shaping(self) -> Any:

@@ -42,25 +42,27 @@ class Sac(Sb3Learner):
             raise ValueError(f"ent_coef = {given['ent_coef']}: noise needs SAC's auto; drop one")
         return settings
 
-    def _new_model(self, described: dict[str, Any]) -> Any:
+    def _new_model(self, described: dict[str, Any], **more: Any) -> Any:
         """A new model; with a prior, its replay buffer has the potential.
 
         Raises:
             ValueError: the potential cannot be added to what is sampled.
         """
         if (prior := self.training.prior) is None:
-            return super()._new_model(described)
+            return super()._new_model(described, **more)
         settings = self.training.settings
         assert isinstance(prior, Prior)
         assert isinstance(settings, Hyperparameters)
-        if self._arguments.get("n_steps", 1) != 1:
-            raise ValueError(f"n_steps = {self._arguments['n_steps']}: with a prior it must be 1")
+        if (n_steps := settings.algorithm.get("n_steps", 1)) != 1:
+            raise ValueError(f"n_steps = {n_steps}: with a prior it must be 1; leave it out")
         scales = [given["scale"] for kind, given in settings.wrappers if kind is ScaledRewards]
-        self._arguments |= {
-            "replay_buffer_class": ShapedReplayBuffer,
-            "replay_buffer_kwargs": {"prior": prior, "scale": math.prod(scales)},
-        }
-        model = super()._new_model(described)
+        kwargs = {"prior": prior, "scale": math.prod(scales)}
+        model = super()._new_model(
+            described,
+            replay_buffer_class=ShapedReplayBuffer,
+            replay_buffer_kwargs=kwargs,
+            **more,
+        )
         if model._vec_normalize_env is not None:
             raise ValueError("vec_env_wrapper: no VecNormalize with a prior; leave it out")
         return model

@@ -218,8 +218,8 @@ class AdaptiveController:
     def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        The angles have the noise that is left after filtering. A slip is a failure, except on the
-        way to the first gait, which may be far.
+        The angles have the noise that is left after filtering. A slip is a failure, except with the
+        first gait, to which the way may be far.
         """
         guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
@@ -320,10 +320,8 @@ class AdaptiveWalks:
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])
         self._covariance = np.array(state["covariance"])
-        self._predicted, self._commanded = (
-            np.array(state["predicted"]),
-            np.array(state["commanded"]),
-        )
+        self._predicted = np.array(state["predicted"])
+        self._commanded = np.array(state["commanded"])
         self.delays, self.longer = np.array(state["delays"]), np.array(state["longer"])
         self.plans = [plan and Plan(*plan) for plan in state["plans"]]
         self._next = [[Plan(*plan) for plan in each] for each in state["next"]]

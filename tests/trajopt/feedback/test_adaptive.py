@@ -231,8 +231,8 @@ def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_
         np.testing.assert_allclose(volts, law(x) + shift, atol=0.02)
 
 
-def test_a_share_by_which_everything_is_heavier_changes_no_law(held, law) -> None:
-    """The motion does not depend on it, and it makes no machine far."""
+def test_a_share_by_which_everything_is_heavier_is_no_distance_in_the_table(held, law) -> None:
+    """The motion does not depend on it."""
     table = GaitTable(held, law, physical(held.params), np.zeros((1, 1)))
 
     def changed(**factors):
