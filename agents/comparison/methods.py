@@ -15,18 +15,19 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from agents.comparison.study import Setting, Study
-from agents.comparison.table import FRONT_POLICY, PPO_PRIOR, Row, gait_row, policy_row
-from agents.evaluate import EPISODE, evaluate_commanded
+from agents.comparison.table import ADAPTIVE, FRONT_POLICY, PPO_PRIOR, Row, gait_row, policy_row
+from agents.evaluate import EPISODE, PROTOCOL, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policy_files import PRETRAINED, TrainingEffort, load_policy, read_record
-from agents.rollout import controller_policy, law_title
+from agents.rollout import AdaptivePolicy, controller_policy, law_title
 from agents.training import TrainingConfig, train
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
+from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.law import Controller
 from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.library import warm_starts
@@ -72,6 +73,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, (EXPERT,)) for name in others),
         LawMethod(EXPERT, EXPERT, ("held_front",)),
+        AdaptiveMethod("adaptive", (EXPERT,)),
         *front_policy(study),
         LearnedMethod(
             "imitation", IMITATION, "imitation", CLONE, (EXPERT,), at_study_speed=True, curve=True
@@ -252,6 +254,33 @@ class LawMethod:
         title = f"{law_title(self.law)} about the optimum"
         (evaluation,) = result["evaluations"]
         return [_policy_row(setting, title, evaluation, setting.study.speed)]
+
+
+@dataclasses.dataclass(frozen=True)
+class AdaptiveMethod:
+    """The adaptive controller, brought to the gait that the laws hold."""
+
+    # name, after: see `Method`
+    name: str
+    after: tuple[str, ...]
+    # fewer than the others': on every walk it solves for gaits, some 20 s of one core
+    starts: int = 8
+
+    def compute(self, setting: Setting) -> Result:
+        """Evaluate it."""
+        gait = setting.held_gait(setting.study.speed)
+        try:
+            controller = AdaptiveController.about(gait, setting.out)
+        except ValueError as error:  # gaits of machines near this one differ too much
+            return {"missing": str(error)}
+        by = dataclasses.replace(PROTOCOL, starts=self.starts)
+        return {"evaluation": setting.evaluated(AdaptivePolicy(controller), by)}
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """Its row, if there is one."""
+        if "missing" in result:
+            return []
+        return [_policy_row(setting, ADAPTIVE, result["evaluation"], setting.study.speed)]
 
 
 @dataclasses.dataclass(frozen=True)

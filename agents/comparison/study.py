@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from agents.evaluate import EPISODE, evaluate
+from agents.evaluate import EPISODE, PROTOCOL, Protocol, evaluate
 from agents.gaps import FRONT_STEPS, gap_to_front, reward_rate
 from agents.rollout import Policy
 from rimless_gym.checks import integer, positive
@@ -166,9 +166,9 @@ class Setting:
         as_good = [gait for gait in gaits if tied(gait.cot, lowest, 1e-4)]
         return min(as_good, key=lambda gait: gait.steps)
 
-    def evaluated(self, policy: Policy) -> dict[str, Any]:
+    def evaluated(self, policy: Policy, by: Protocol = PROTOCOL) -> dict[str, Any]:
         """The evaluation of a policy, as plain JSON values."""
-        return evaluate(policy, self.params, progress=self.progress).to_dict()
+        return evaluate(policy, self.params, by, progress=self.progress).to_dict()
 
     @cached_property
     def best_return(self) -> float:

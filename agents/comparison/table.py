@@ -43,8 +43,9 @@ best one. Evolution, PPO and fine-tuning choose their own speed, and the one pol
 walks at commanded speeds. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least
 Fy the least normal force in weights; both are of all starts that still take steps at the end."""
 
-#: Titles of the shipped policies' rows.
+#: Titles of rows.
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
+ADAPTIVE = "adaptive controller (8 starts)"
 
 #: Columns of the headline, after the name of a policy.
 HEADINGS = (
@@ -59,6 +60,7 @@ HEADLINE = {
     "optimal at any speed": "optimal gait at its best speed",
     "optimal, voltage held for 10 ms": "optimal gait (`optimum`)",
     "LQR about the optimum": "feedback law that holds it (`lqr`)",
+    ADAPTIVE: "controller that identifies its machine (`adaptive`, 8 starts)",
     "imitation": "network cloned from the law (`imitation`)",
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
     FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",

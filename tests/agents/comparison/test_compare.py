@@ -128,7 +128,10 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
         )
         return train(quick, *arguments, **settings)
 
-    monkeypatch.setattr(shared, "evaluate", functools.partial(evaluate, protocol=brief))
+    def briefly(policy: Any, params: Any, protocol: Protocol, **more: Any) -> Any:
+        return evaluate(policy, params, brief, **more)
+
+    monkeypatch.setattr(shared, "evaluate", briefly)
     monkeypatch.setattr(listed, "train", short)
     monkeypatch.setattr(module, "save_gif", lambda *arguments: None)
     monkeypatch.setattr(module, "ANIMATED", 0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from agents.comparison import methods as listed
 from agents.comparison.methods import (
     TRAININGS,
+    AdaptiveMethod,
     ShippedMethod,
     front_policy,
     methods,
@@ -17,12 +19,14 @@ from agents.comparison.methods import (
 )
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
+    ADAPTIVE,
     FRONT_POLICY,
     PPO_PRIOR,
     attained_rows,
     gait_row,
     policy_row,
 )
+from agents.evaluate import Protocol
 from agents.policy_files import LAW_ACTIONS, PRETRAINED, load_policy
 from agents.rollout import draw_starts
 from rimless_gym import BUILDABLE, Task
@@ -92,6 +96,31 @@ def test_the_policy_for_the_front_walks_at_every_speed_of_the_study_and_at_two_b
     assert set(study.speeds) < {row.study_speed for row in rows}
     (other,) = front_policy(Study(further=()))
     assert other.name != method.name
+
+
+def test_the_adaptive_controller_walks_from_fewer_starts_or_is_left_out(
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (method,) = (each for each in methods(Study()) if isinstance(each, AdaptiveMethod))
+
+    def refuse(gait: Any, folder: Any) -> Any:
+        raise ValueError("no table")
+
+    monkeypatch.setattr(listed.AdaptiveController, "about", refuse)
+    assert method.rows(setting, method.compute(setting)) == []
+    starts = []
+
+    def evaluated(policy: Any, by: Protocol) -> dict[str, Any]:
+        starts.append(by.starts)
+        return EVALUATION
+
+    monkeypatch.setattr(listed.AdaptiveController, "about", lambda gait, folder: gait)
+    monkeypatch.setattr(setting, "evaluated", evaluated)
+    result = method.compute(setting)
+    assert "evaluations" not in result  # what is attained from each start, others have from all
+    (row,) = method.rows(setting, result)
+    assert (row.title, row.cot) == (ADAPTIVE, EVALUATION["cot"])
+    assert f"({starts[0]} starts)" in ADAPTIVE
 
 
 def test_shipped_policies_leave_out_other_machines_and_speeds() -> None:
