@@ -263,15 +263,19 @@ class Sb3Learner(learner.Learner):
         """
         env = wrapped(self._env, Sb3VecEnv)
         figures = LogWalking(self.training.conditions.params, env)
-        callbacks: list[BaseCallback] = [figures, Forward(callback)]
+        callbacks = [figures, Forward(callback), *self._changing(until)]
+        self.model.set_logger(callback.log)
+        self.model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
+
+    def _changing(self, until: int) -> list[BaseCallback]:
+        """What changes during the training."""
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
-            callbacks.append(Anneal(actor, settings.annealed, self._shaping))
-        elif self.training.init != SCRATCH:
-            callbacks.append(FreezeActor(actor, round(CRITIC_WARM_UP * until)))
-        self.model.set_logger(callback.log)
-        self.model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
+            return [Anneal(actor, settings.annealed, self._shaping)]
+        if self.training.init != SCRATCH:
+            return [FreezeActor(actor, round(CRITIC_WARM_UP * until))]
+        return []
 
     def parts(self) -> PolicyParts:
         """The networks' architecture and weights."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -11,22 +13,37 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.utils import polyak_update
 
-from agents.learner import NO_CHANGES, LearnerSettings
+from agents.learner import NO_CHANGES, LearnerSettings, PolicyParts, Training
 from agents.prior import Prior, ReferenceStarts
+from agents.rollout import Act
 from agents.sb3.hyperparameters import Hyperparameters
-from agents.sb3.learner import Actor, Sb3Learner
+from agents.sb3.learner import Actor, NetworkPolicy, Sb3Learner
 from agents.sb3.wrappers import ScaledRewards
+
+#: With a prior, the policy is the exponential average of the actor over so many roll-outs.
+AVERAGED = 300
 
 
 class Sac(Sb3Learner):
-    """Soft actor-critic (Haarnoja et al., 2018)."""
+    """Soft actor-critic (Haarnoja et al., 2018).
+
+    With a prior, errors of the critic turn an actor that walks into one that rests, and back,
+    within a few thousand steps. So the policy is the average of the actor's weights (Polyak and
+    Juditsky, 1992); the actor itself explores.
+    """
 
     algorithm = SAC
     hyperparameter_file = "sac.yml"
     networks: ClassVar = {"pi": "actor.latent_pi.", "qf": "critic.qf0."}
     prior_wrappers = (ReferenceStarts,)
+
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        super().__init__(training, start)
+        self._averaged = None if training.prior is None else copy.deepcopy(self.model.actor)
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
@@ -71,6 +88,38 @@ class Sac(Sb3Learner):
     def _shaping(self) -> Any:
         return self.model.replay_buffer
 
+    def _changing(self, until: int) -> list[BaseCallback]:
+        """With a prior, the average too."""
+        averages = [] if self._averaged is None else [AverageActor(self._averaged)]
+        return [*super()._changing(until), *averages]
+
+    @property
+    def act(self) -> Act:
+        """The deterministic policy as it is now."""
+        if self._averaged is None:
+            return super().act
+        return NetworkPolicy(self._averaged, self._feedforward)
+
+    def parts(self) -> PolicyParts:
+        """The networks' architecture and weights."""
+        parts = super().parts()
+        if self._averaged is None:
+            return parts
+        actor = {name: w.numpy() for name, w in self._averaged.state_dict(prefix="actor.").items()}
+        return dataclasses.replace(parts, weights=parts.weights | actor)
+
+    def state(self) -> dict[str, Any]:
+        """See `Sb3Learner.state`, and the average."""
+        averaged = self._averaged and self._averaged.state_dict()
+        return {**super().state(), "averaged": averaged}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        super().restore(state)
+        if self._averaged is not None:
+            self._averaged = copy.deepcopy(self.model.actor)
+            self._averaged.load_state_dict(state["averaged"])
+
     @staticmethod
     def actor(model: Any) -> Actor:
         """The squashed Gaussian actor; its noise is a network's output, not a parameter."""
@@ -91,6 +140,21 @@ class Sac(Sb3Learner):
             model.target_entropy = log_std + 0.5 * math.log(2 * math.pi * math.e)
 
         return Actor(model, mean_action, weights, [], set_noise, hold_noise)
+
+
+class AverageActor(BaseCallback):
+    """Lets a copy of the actor follow it slowly, from roll-out to roll-out."""
+
+    def __init__(self, averaged: Any) -> None:
+        super().__init__()
+        self._averaged = averaged
+
+    def _on_rollout_start(self) -> None:
+        actor = self.model.policy.actor
+        polyak_update(actor.parameters(), self._averaged.parameters(), 1 / AVERAGED)
+
+    def _on_step(self) -> bool:
+        return True
 
 
 class ShapedReplayBuffer(ReplayBuffer):

@@ -18,6 +18,9 @@ KEPT = {"best kept": BEST, "last": LAST}
 CLONED = {"": CLONE}
 LAST_ONLY = {"": LAST}
 
+#: Time steps of CMA-ES from a policy that costs twice the optimum.
+LONG = 150_000_000
+
 #: Rows whose policies others need.
 IMITATED = StudyRow(
     "imitation", "imitation of the LQR", LEARNED, Trained("ppo", IMITATION, 0, CLONED)
@@ -34,6 +37,18 @@ WITH_PRIOR = StudyRow(
     "PPO with the law as prior",
     LEARNED,
     Trained("ppo", files=LAST_ONLY, prior=LAW),
+)
+SAC_PRIOR = StudyRow(
+    "sac_prior",
+    "SAC with the law as prior",
+    LEARNED,
+    Trained("sac", files=LAST_ONLY, prior=LAW),
+)
+SAC_DISTILLED = StudyRow(
+    "sac_distilled",
+    "SAC with the law as prior, distilled",
+    LEARNED,
+    Trained("ppo", IMITATION, 0, CLONED, expert=Other(SAC_PRIOR, LAST)),
 )
 
 ROWS = (
@@ -59,11 +74,13 @@ ROWS = (
         LEARNED,
         Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(WITH_PRIOR, LAST)),
     ),
+    SAC_PRIOR,
+    SAC_DISTILLED,
     StudyRow(
-        "sac_prior",
-        "SAC with the law as prior",
+        "sac_prior_cma_es",
+        "SAC with the law as prior, distilled, then CMA-ES",
         LEARNED,
-        Trained("sac", files=KEPT, prior=LAW),
+        Trained("cma_es", IMITATION, LONG, LAST_ONLY, start=Other(SAC_DISTILLED, CLONE)),
     ),
     EVOLVED,
     DISTILLED,
