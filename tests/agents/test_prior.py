@@ -191,6 +191,20 @@ def test_sac_samples_rewards_with_the_weight_that_the_potential_has_now():
         assert set(which) == {0, 1}
 
 
+def test_the_policy_of_sac_with_a_prior_is_the_average_of_its_actor(tmp_path, monkeypatch):
+    def trained(steps, averaged):
+        monkeypatch.setattr("agents.sb3.sac.AVERAGED", averaged)
+        out = tmp_path / f"{steps}_{averaged}"
+        return load_policy(run(out, "sac", prior=PRIOR, timesteps=steps).last).parts.weights
+
+    first, slow, quick = trained(0, 1), trained(160, 10**9), trained(160, 1)
+    actor, critic = "actor.mu.weight", "critic.qf0.0.weight"
+    np.testing.assert_allclose(slow[actor], first[actor], atol=1e-6)
+    assert not np.allclose(quick[actor], first[actor], atol=1e-4)
+    np.testing.assert_array_equal(quick[critic], slow[critic])
+    assert not np.array_equal(quick[critic], first[critic])
+
+
 @pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_killed_a_training_with_a_prior_ends_with_the_same_policies(tmp_path, monkeypatch, algo):
     whole = run(tmp_path / "whole", algo, prior=PRIOR)
