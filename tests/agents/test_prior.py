@@ -192,12 +192,14 @@ def test_sac_samples_rewards_with_the_weight_that_the_potential_has_now():
 
 
 def test_the_policy_of_sac_with_a_prior_is_the_average_of_its_actor(tmp_path, monkeypatch):
-    def trained(steps, averaged):
+    def weights_after(steps, averaged):
         monkeypatch.setattr("agents.sb3.sac.AVERAGED", averaged)
         out = tmp_path / f"{steps}_{averaged}"
-        return load_policy(run(out, "sac", prior=PRIOR, timesteps=steps).last).parts.weights
+        few = {"gradient_steps": 1, "batch_size": 32}
+        trained = run(out, "sac", prior=PRIOR, timesteps=steps, hyperparameters=few)
+        return load_policy(trained.last).parts.weights
 
-    first, slow, quick = trained(0, 1), trained(160, 10**9), trained(160, 1)
+    first, slow, quick = (weights_after(*each) for each in ((0, 1), (160, 10**9), (160, 1)))
     actor, critic = "actor.mu.weight", "critic.qf0.0.weight"
     np.testing.assert_allclose(slow[actor], first[actor], atol=1e-6)
     assert not np.allclose(quick[actor], first[actor], atol=1e-4)
