@@ -6,7 +6,8 @@ that is best under noise is not the one that is best without. So the weights var
 policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
 the last layer varies, in the directions in which the actions of the first policy's walks change
 most. What is minimised is the cost of transport of the steady walk, whatever its speed, and falls
-count by `agents.reward_weight.economy`.
+count by `agents.reward_weight.economy`. Where machines and disturbances are drawn, all policies of
+a generation walk with the same ones, each start with its own.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class CmaEs(FineTuner):
         search = self._begun()
         while self.steps < until:
             callback.on_iteration()
-            scores = search.scores(len(self._scores))
+            scores = search.scores()
             if not self._scores and not scores.any():
                 raise ValueError(
                     f"init = {self.training.init!r}: no policy near it walks; begin from one that "
@@ -143,10 +144,10 @@ class LastLayer:
         self._conditions, self._seed = training.conditions, training.seed
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
-        period = self._conditions.control.period
+        self._generation, period = 0, self._conditions.control.period
         self._lasting, self._window = round(DURATION / period), round(WINDOW / period)
         self._rng = np.random.default_rng((self._seed, 3))
-        shown = self._show(self.first, 0)
+        shown = self._show(self.first)
         if not self._choose(shown):
             raise ValueError(
                 f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all of "
@@ -165,30 +166,35 @@ class LastLayer:
         }
         self._strategy = cma.CMAEvolutionStrategy(np.zeros(large.sum()), SPREAD, options)
         self._drawn = np.array(self._strategy.ask())
-        self._generation = 0
 
-    def _show(self, layer: Floats, generation: int) -> LabelledWalks:
+    def _show(self, layer: Floats) -> LabelledWalks:
         """How a policy walks from ordinary starts."""
         period, params = self._conditions.control.period, self._conditions.params
         policy = learned_policy(lambda seen: self._features(seen) @ layer)
-        starts = draw_starts(params, SHOWN_STARTS, (self._seed, 2, generation))
-        return walk(self._conditions, policy, starts, round(SHOWN / period), self._seed)
+        starts = draw_starts(params, SHOWN_STARTS, (self._seed, 2, self._generation))
+        first = self._first(SHOWN_STARTS)
+        return walk(self._conditions, policy, starts, round(SHOWN / period), first)
+
+    def _first(self, walks: int) -> int:
+        """The seed of the first of so many walks in this generation; others have the next ones."""
+        return self._seed + self._generation * walks
 
     def _choose(self, shown: LabelledWalks) -> bool:
         """Choose starts on the gait that is shown, and hard ones; False: nothing walks."""
         period = self._conditions.control.period
-        gait = shown.states[shown.when >= round(SHOWN / 2 / period)]
-        if not len(gait):
+        gait = shown.take(np.flatnonzero(shown.when >= round(SHOWN / 2 / period)))
+        if not len(gait.when):
             return False
         late = shown.when >= round((SHOWN - STANDING) / period)
         feet = np.stack([shown.which, shown.states[:, FOOT].astype(np.int64)], axis=1)[late]
         stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
         fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
         lost = fallen | (stood_on < 2)
-        starts = shown.states[shown.when == 0]
-        hard, usual = starts[lost][:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
-        some = self._rng.integers(len(gait), size=GAIT_STARTS)
-        self._starts = np.concatenate([hard, gait[some]])
+        hard, usual = np.flatnonzero(lost)[:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
+        starts = shown.states[shown.when == 0][hard]
+        some = gait.take(self._rng.integers(len(gait.when), size=GAIT_STARTS))
+        self._starts = np.concatenate([starts, some.states])
+        self._seeds = self._first(SHOWN_STARTS) + np.concatenate([hard, some.which])
         shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
         self._shares = np.array(shares) / sum(shares)
         self.intervals = POPULATION * len(shares) * self._lasting
@@ -215,25 +221,24 @@ class LastLayer:
         self._strategy.tell(list(self._drawn), list(-scores))
         self._generation += 1
         if self._generation % RENEWED == 0:
-            self._choose(self._show(self.mean, self._generation))
+            self._choose(self._show(self.mean))
         self._drawn = np.array(self._strategy.ask())
 
-    def scores(self, generation: int) -> Floats:
-        """The `economy` of each policy of this generation, (POPULATION,).
-
-        All walk from the same starts, those of the number `generation`.
-        """
+    def scores(self) -> Floats:
+        """The `economy` of each policy of this generation, (POPULATION,)."""
         layers = (self.first + self._drawn @ self._basis.T).astype(np.float32)
         params = self._conditions.params
-        ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, 4, generation))
+        ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, 4, self._generation))
         starts = np.tile(np.concatenate([self._starts, ordinary]), (POPULATION, 1))
         whose = np.repeat(np.arange(POPULATION), len(self._shares))
+        others = self._first(ORDINARY_STARTS) + np.arange(ORDINARY_STARTS)
+        seeds = np.tile(np.append(self._seeds, others), POPULATION).tolist()
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
             own = layers[whose[rollout.running]]
             return np.asarray(np.einsum("nh,nh->n", self._features(observations), own))
 
-        rollout = Rollout(self._conditions, policy, starts, self._lasting, self._seed)
+        rollout = Rollout(self._conditions, policy, starts, self._lasting, seeds)
         window, fallen = WindowTotals(rollout.machines), np.zeros(len(starts), dtype=bool)
         steps = np.zeros(len(starts))
         for k, interval in enumerate(rollout):

@@ -23,6 +23,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from agents.conditions import require_usual
 from agents.imitation import walk
 from agents.learner import Callback, PolicyParts, Training
 from agents.rollout import draw_starts, learned_policy
@@ -74,6 +75,7 @@ class Gradients(FineTuner):
     name, timesteps = "gradients", TIMESTEPS
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        require_usual(self.name, training.conditions)
         super().__init__(training, start)
         self._descent: Descent | None = None
 

@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from agents import learner
-from agents.conditions import Conditions, require_usual
+from agents.conditions import Conditions, require_usual_control
 from agents.imitation import CloneReport, Cloning, Teaching, clone
 from agents.learner import (
     NO_CHANGES,
@@ -337,7 +337,7 @@ class Ppo(Sb3Learner):
 
 
 class FineTuner(Ppo):
-    """Goes on from a policy of PPO's that walks, in usual conditions and without a prior.
+    """Goes on from a policy of PPO's that walks, without a prior or commanded speeds.
 
     Attributes:
         name: of the learner.
@@ -349,7 +349,7 @@ class FineTuner(Ppo):
     timesteps: ClassVar[int]
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
-        require_usual(self.name, training.conditions)
+        require_usual_control(self.name, training.conditions)
         super().__init__(training, start)
 
     @classmethod

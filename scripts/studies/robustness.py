@@ -40,21 +40,25 @@ TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
 #: the gains from which the adaptive controller starts, and without a clock; the clone imitates
-#: the laws of drawn machines about their own gaits.
+#: the laws of drawn machines about their own gaits; `robust` is the clone, fine-tuned.
 CANDIDATES: dict[str, int | None] = {
     **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
     **{
         f"{law} 46": 46
-        for law in ("adaptive", "lqr", "gentle", "clone", "input_output", "pid", "sliding_mode")
+        for law in (
+            *("adaptive", "lqr", "gentle", "clone", "robust"),
+            *("input_output", "pid", "sliding_mode"),
+        )
     },
-    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
+    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution")),
 }
 
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
-#: Within which share the machines are drawn from which the clone learns, and how it learns.
-TAUGHT = 0.03
+#: Within which shares the machines are drawn from which the clone learns, and with which it is
+#: fine-tuned; and how it learns.
+TAUGHT, TUNED = 0.03, 0.02
 CLONING = Cloning(
     expert_starts=96,
     starts=160,
@@ -223,24 +227,36 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    if law == "clone":
-        return cloned(AdaptiveController.about(gait, folder), folder)
+    if law in ("clone", "robust"):
+        clone = cloned(AdaptiveController.about(gait, folder), folder)
+        return load_policy(clone if law == "clone" else fine_tuned(clone, folder)).policy
     held = law_about(gait, ahead=None) if law == "gentle" else law
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 
-def cloned(controller: AdaptiveController, folder: Path) -> Policy:
+def cloned(controller: AdaptiveController, folder: Path) -> Path:
     """A network that imitates, from the state alone, what each drawn machine's own law does."""
-    known = {name: getattr(controller.params, name) for name in PHYSICAL}
     config = TrainingConfig(
         "ppo",
         IMITATION,
         timesteps=0,
-        ranges={name: ((1 - TAUGHT) * at, (1 + TAUGHT) * at) for name, at in known.items()},
+        ranges=_within(TAUGHT),
         expert=OwnLaws(controller),
         cloning=CLONING,
     )
-    return load_policy(train(config, folder / "clone", progress=False).last).policy
+    return train(config, folder / "clone", progress=False).last
+
+
+def fine_tuned(clone: Path, folder: Path) -> Path:
+    """The clone after CMA-ES on drawn machines; it comes with the package as `robust`."""
+    config = TrainingConfig("cma_es", str(clone), ranges=_within(TUNED))
+    return train(config, folder / "robust", progress=False).last
+
+
+def _within(share: float) -> dict[str, tuple[float, float]]:
+    """Ranges of all parameters."""
+    known = {name: getattr(BUILDABLE, name) for name in PHYSICAL}
+    return {name: ((1 - share) * at, (1 + share) * at) for name, at in known.items()}
 
 
 def walked(task: Walk) -> dict[str, Any]:
