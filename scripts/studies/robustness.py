@@ -40,17 +40,17 @@ TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
 #: the gains from which the adaptive controller starts, and without a clock; the clone imitates
-#: the laws of drawn machines about their own gaits; `robust` is the clone, fine-tuned.
+#: the laws of drawn machines about their own gaits; `tolerant` is the clone, fine-tuned.
 CANDIDATES: dict[str, int | None] = {
     **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
     **{
         f"{law} 46": 46
         for law in (
-            *("adaptive", "lqr", "gentle", "clone", "robust"),
+            *("adaptive", "lqr", "gentle", "clone", "tolerant"),
             *("input_output", "pid", "sliding_mode"),
         )
     },
-    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution")),
+    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
 }
 
 #: Within which shares all parameters are drawn.
@@ -227,7 +227,7 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    if law in ("clone", "robust"):
+    if law in ("clone", "tolerant"):
         clone = cloned(AdaptiveController.about(gait, folder), folder)
         return load_policy(clone if law == "clone" else fine_tuned(clone, folder)).policy
     held = law_about(gait, ahead=None) if law == "gentle" else law
@@ -248,9 +248,9 @@ def cloned(controller: AdaptiveController, folder: Path) -> Path:
 
 
 def fine_tuned(clone: Path, folder: Path) -> Path:
-    """The clone after CMA-ES on drawn machines; it comes with the package as `robust`."""
+    """The clone after CMA-ES on drawn machines; it comes with the package as `tolerant`."""
     config = TrainingConfig("cma_es", str(clone), ranges=_within(TUNED))
-    return train(config, folder / "robust", progress=False).last
+    return train(config, folder / "tolerant", progress=False).last
 
 
 def _within(share: float) -> dict[str, tuple[float, float]]:
