@@ -102,7 +102,7 @@ class Conditions:
 
 
 def require_usual(algo: str, conditions: Conditions) -> None:
-    """Refuse what learners that compare policies on one machine do not have."""
+    """Refuse drawn machines, disturbances, commanded speeds, and other control periods."""
     if conditions.ranges.bounds or conditions.disturbances != Disturbances():
         raise ValueError(
             f"algo = {algo!r}: walks on the nominal machine without disturbances; leave out "

@@ -15,7 +15,15 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from agents.comparison.study import Setting, Study
-from agents.comparison.table import ADAPTIVE, FRONT_POLICY, PPO_PRIOR, Row, gait_row, policy_row
+from agents.comparison.table import (
+    ADAPTIVE,
+    FRONT_POLICY,
+    PPO_PRIOR,
+    SAC_PRIOR,
+    Row,
+    gait_row,
+    policy_row,
+)
 from agents.evaluate import EPISODE, PROTOCOL, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
@@ -38,7 +46,8 @@ from trajopt.store import jsonable
 Result: TypeAlias = dict[str, Any]
 
 #: The shipped policies; by the name alone, a file in the current folder would be loaded.
-FRONT_FILE, PRIOR_FILE = PRETRAINED["front"], PRETRAINED["ppo"]
+FRONT_FILE = PRETRAINED["front"]
+PRIOR_FILES = {PPO_PRIOR: PRETRAINED["ppo"], SAC_PRIOR: PRETRAINED["sac"]}
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
 BETWEEN = (0.58, 0.61)
@@ -73,7 +82,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, (EXPERT,)) for name in others),
         LawMethod(EXPERT, EXPERT, ("held_front",)),
-        AdaptiveMethod("adaptive", (EXPERT,)),
+        AdaptiveMethod("adaptive", ("held_front",)),
         *front_policy(study),
         LearnedMethod(
             "imitation", IMITATION, "imitation", CLONE, (EXPERT,), at_study_speed=True, curve=True
@@ -81,7 +90,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         LearnedMethod(
             "scratch", SCRATCH, "PPO from scratch", BEST, budget="scratch_timesteps", curve=True
         ),
-        *prior_policy(study),
+        *prior_policies(study),
         *(_shipped_trainings() if study.shipped else TRAININGS),
     )
 
@@ -263,7 +272,7 @@ class AdaptiveMethod:
     # name, after: see `Method`
     name: str
     after: tuple[str, ...]
-    # fewer than the others': on every walk it solves for gaits, some 20 s of one core
+    # fewer than the others': for every walk it solves for gaits, which takes 20 s of one core
     starts: int = 8
 
     def compute(self, setting: Setting) -> Result:
@@ -271,9 +280,10 @@ class AdaptiveMethod:
         gait = setting.held_gait(setting.study.speed)
         try:
             controller = AdaptiveController.about(gait, setting.out)
-        except ValueError as error:  # gaits of machines near this one differ too much
+        except (ValueError, RuntimeError) as error:  # gaits of near machines differ too much
             return {"missing": str(error)}
         by = dataclasses.replace(PROTOCOL, starts=self.starts)
+        # not among "evaluations": what is attained from each start is of those from all starts
         return {"evaluation": setting.evaluated(AdaptivePolicy(controller), by)}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
@@ -411,10 +421,13 @@ class ShippedMethod:
         ]
 
 
-def prior_policy(study: Study) -> tuple[ShippedMethod, ...]:
-    """The shipped policy of PPO with the law as prior, if the study's machine is its own."""
-    own = load_policy(PRIOR_FILE).params == study.params
-    return (ShippedMethod(PRIOR_FILE, PPO_PRIOR, curve=True),) if own else ()
+def prior_policies(study: Study) -> tuple[ShippedMethod, ...]:
+    """The shipped policies with the law as prior, if the study's machine is their own."""
+    return tuple(
+        ShippedMethod(file, title, curve=True)
+        for title, file in PRIOR_FILES.items()
+        if load_policy(file).params == study.params
+    )
 
 
 def front_policy(study: Study) -> tuple[ShippedMethod, ...]:

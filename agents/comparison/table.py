@@ -34,7 +34,8 @@ NOTES = """\
 CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. Returns
 are those of 20 s from all starts, as a share of what the best gait returns that is walked from the
 first moment to the last: from rest, nothing can. The last rows have what the best of all policies
-and laws attains from each start; the best attainable lies between that and 100%. The environment's
+and laws attains from each start; the best attainable lies between that and 100%. The adaptive
+controller walks from the first 8 starts, 3 of them at rest, and is not among these. The environment's
 own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is held for 10 ms:
 for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
 can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
@@ -45,6 +46,7 @@ Fy the least normal force in weights; both are of all starts that still take ste
 
 #: Titles of rows.
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
+SAC_PRIOR = "SAC with the law as prior, distilled, then CMA-ES"
 ADAPTIVE = "adaptive controller (8 starts)"
 
 #: Columns of the headline, after the name of a policy.
@@ -66,6 +68,7 @@ HEADLINE = {
     FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
     PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
+    SAC_PRIOR: "SAC, the same prior; a network cloned from it; then CMA-ES (`sac`)",
     "PPO from scratch": "PPO from nothing, default settings",
 }
 

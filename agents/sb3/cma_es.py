@@ -172,12 +172,16 @@ class LastLayer:
         period, params = self._conditions.control.period, self._conditions.params
         policy = learned_policy(lambda seen: self._features(seen) @ layer)
         starts = draw_starts(params, SHOWN_STARTS, (self._seed, 2, self._generation))
-        first = self._first(SHOWN_STARTS)
+        first = self._first(2)
         return walk(self._conditions, policy, starts, round(SHOWN / period), first)
 
-    def _first(self, walks: int) -> int:
-        """The seed of the first of so many walks in this generation; others have the next ones."""
-        return self._seed + self._generation * walks
+    def _first(self, kind: int) -> int:
+        """The seed of this generation's first walk, of the kind that is shown or scored (2, 4).
+
+        The next walks have the next seeds.
+        """
+        sequence = np.random.SeedSequence((self._seed, kind, self._generation))
+        return int(sequence.generate_state(1)[0])
 
     def _choose(self, shown: LabelledWalks) -> bool:
         """Choose starts on the gait that is shown, and hard ones; False: nothing walks."""
@@ -194,7 +198,7 @@ class LastLayer:
         starts = shown.states[shown.when == 0][hard]
         some = gait.take(self._rng.integers(len(gait.when), size=GAIT_STARTS))
         self._starts = np.concatenate([starts, some.states])
-        self._seeds = self._first(SHOWN_STARTS) + np.concatenate([hard, some.which])
+        self._seeds = self._first(2) + np.concatenate([hard, some.which])
         shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
         self._shares = np.array(shares) / sum(shares)
         self.intervals = POPULATION * len(shares) * self._lasting
@@ -231,7 +235,7 @@ class LastLayer:
         ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, 4, self._generation))
         starts = np.tile(np.concatenate([self._starts, ordinary]), (POPULATION, 1))
         whose = np.repeat(np.arange(POPULATION), len(self._shares))
-        others = self._first(ORDINARY_STARTS) + np.arange(ORDINARY_STARTS)
+        others = self._first(4) + np.arange(ORDINARY_STARTS)
         seeds = np.tile(np.append(self._seeds, others), POPULATION).tolist()
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:

@@ -268,7 +268,7 @@ class Sb3Learner(learner.Learner):
         self.model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
 
     def _changing(self, until: int) -> list[BaseCallback]:
-        """What changes during the training."""
+        """The callbacks that change settings or weights during the training."""
         actor, settings = self.actor(self.model), self.training.settings
         assert isinstance(settings, Hyperparameters)
         if self.training.prior is not None:
@@ -337,7 +337,7 @@ class Ppo(Sb3Learner):
 
 
 class FineTuner(Ppo):
-    """Goes on from a policy of PPO's that walks, without a prior or commanded speeds.
+    """Goes on from a policy of PPO's that walks, with usual control and without a prior.
 
     Attributes:
         name: of the learner.

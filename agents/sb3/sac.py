@@ -24,7 +24,8 @@ from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Actor, NetworkPolicy, Sb3Learner
 from agents.sb3.wrappers import ScaledRewards
 
-#: With a prior, the policy is the exponential average of the actor over so many roll-outs.
+#: With a prior, the policy is an average of the actor that follows it with a time constant of so many
+#: roll-outs; over the first ones, the mean.
 AVERAGED = 300
 
 
@@ -150,8 +151,11 @@ class AverageActor(BaseCallback):
         self._averaged = averaged
 
     def _on_rollout_start(self) -> None:
-        actor = self.model.policy.actor
-        polyak_update(actor.parameters(), self._averaged.parameters(), 1 / AVERAGED)
+        model = self.model
+        assert isinstance(model, SAC)
+        learned = model._n_updates / model.gradient_steps  # roll-outs
+        share = 1 / min(1 + learned, AVERAGED)
+        polyak_update(model.actor.parameters(), self._averaged.parameters(), share)
 
     def _on_step(self) -> bool:
         return True

@@ -15,7 +15,7 @@ from typing import Any
 
 from agents.comparison.methods import LearnedMethod, methods
 from agents.comparison.study import Study
-from agents.comparison.table import FRONT_POLICY, HEADLINE, PPO_PRIOR, Row, headline
+from agents.comparison.table import FRONT_POLICY, HEADLINE, PPO_PRIOR, SAC_PRIOR, Row, headline
 from agents.policy_files import read_record
 from agents.reports import NONE, value_text
 from rimless_gym import Task
@@ -44,6 +44,7 @@ STUDIED: Mapping[str, tuple[str, ...]] = {
     FRONT_POLICY: ("imitation of a gain schedule", "0.62 m/s"),
     "evolution from scratch": ("evolution from scratch, best kept",),
     PPO_PRIOR: (PPO_PRIOR,),
+    SAC_PRIOR: (SAC_PRIOR,),
 }
 
 #: Columns of the tables over many seeds.

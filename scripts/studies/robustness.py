@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import shutil
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -56,8 +57,8 @@ CANDIDATES: dict[str, int | None] = {
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
-#: Within which shares the machines are drawn from which the clone learns, and with which it is
-#: fine-tuned; and how it learns.
+#: The clone learns from machines within the first share, and is fine-tuned on machines within the
+#: second one; and how it learns.
 TAUGHT, TUNED = 0.03, 0.02
 CLONING = Cloning(
     expert_starts=96,
@@ -228,8 +229,11 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
     if law in ("clone", "tolerant"):
-        clone = cloned(AdaptiveController.about(gait, folder), folder)
-        return load_policy(clone if law == "clone" else fine_tuned(clone, folder)).policy
+        file = folder / f"{law}.zip"  # two processes cannot train in one folder
+        if not file.exists():
+            clone = cloned(AdaptiveController.about(gait, folder), folder)
+            shutil.copy(clone if law == "clone" else fine_tuned(clone, folder), file)
+        return load_policy(file).policy
     held = law_about(gait, ahead=None) if law == "gentle" else law
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 

@@ -201,8 +201,8 @@ def test_the_policy_of_sac_with_a_prior_is_the_average_of_its_actor(tmp_path, mo
 
     first, slow, quick = (weights_after(*each) for each in ((0, 1), (160, 10**9), (160, 1)))
     actor, critic = "actor.mu.weight", "critic.qf0.0.weight"
-    np.testing.assert_allclose(slow[actor], first[actor], atol=1e-6)
-    assert not np.allclose(quick[actor], first[actor], atol=1e-4)
+    moved = [np.abs(each[actor] - first[actor]).mean() for each in (slow, quick)]
+    assert 0.2 < moved[0] / moved[1] < 0.8  # the mean of all actors, and the last one
     np.testing.assert_array_equal(quick[critic], slow[critic])
     assert not np.array_equal(quick[critic], first[critic])
 

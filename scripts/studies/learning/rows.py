@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from agents.comparison.table import PPO_PRIOR, SAC_PRIOR
 from agents.evaluate import COMMANDS
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH
 from agents.prior import LAW
@@ -38,7 +39,7 @@ WITH_PRIOR = StudyRow(
     LEARNED,
     Trained("ppo", files=LAST_ONLY, prior=LAW),
 )
-SAC_PRIOR = StudyRow(
+SAC_WITH_PRIOR = StudyRow(
     "sac_prior",
     "SAC with the law as prior",
     LEARNED,
@@ -48,7 +49,7 @@ SAC_DISTILLED = StudyRow(
     "sac_distilled",
     "SAC with the law as prior, distilled",
     LEARNED,
-    Trained("ppo", IMITATION, 0, CLONED, expert=Other(SAC_PRIOR, LAST)),
+    Trained("ppo", IMITATION, 0, CLONED, expert=Other(SAC_WITH_PRIOR, LAST)),
 )
 
 ROWS = (
@@ -70,15 +71,15 @@ ROWS = (
     WITH_PRIOR,
     StudyRow(
         "ppo_prior_cma_es",
-        "PPO with the law as prior, then CMA-ES",
+        PPO_PRIOR,
         LEARNED,
         Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(WITH_PRIOR, LAST)),
     ),
-    SAC_PRIOR,
+    SAC_WITH_PRIOR,
     SAC_DISTILLED,
     StudyRow(
         "sac_prior_cma_es",
-        "SAC with the law as prior, distilled, then CMA-ES",
+        SAC_PRIOR,
         LEARNED,
         Trained("cma_es", IMITATION, LONG, LAST_ONLY, start=Other(SAC_DISTILLED, CLONE)),
     ),

@@ -131,6 +131,10 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
     def briefly(policy: Any, params: Any, protocol: Protocol, **more: Any) -> Any:
         return evaluate(policy, params, brief, **more)
 
+    def refuse(*arguments: Any) -> Any:
+        raise ValueError("its table takes minutes")
+
+    monkeypatch.setattr(listed.AdaptiveController, "about", refuse)
     monkeypatch.setattr(shared, "evaluate", briefly)
     monkeypatch.setattr(listed, "train", short)
     monkeypatch.setattr(module, "save_gif", lambda *arguments: None)
