@@ -35,14 +35,15 @@ CoT counts the energy drawn from the battery, E+, electronics included; none is 
 are those of 20 s from all starts, as a share of what the best gait returns that is walked from the
 first moment to the last: from rest, nothing can. The last rows have what the best of all policies
 and laws attains from each start; the best attainable lies between that and 100%. The adaptive
-controller walks from the first 8 starts, 3 of them at rest, and is not among these. The environment's
-own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is held for 10 ms:
-for the second column at any speed, for the gap at the row's own speed, interpolated. Longer strides
-can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any time. At one
-speed there are all laws but `receding_horizon` and `tuned`, which take long, and a clone of the
-best one. Evolution, PPO and fine-tuning choose their own speed, and the one policy for the front
-walks at commanded speeds. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least
-Fy the least normal force in weights; both are of all starts that still take steps at the end."""
+controller walks from the first 8 starts, 3 of them at rest, and is not among these. The
+environment's own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is held
+for 10 ms: for the second column at any speed, for the gap at the row's own speed, interpolated.
+Longer strides can cost less below 0.6 m/s. The other optimal gaits may change their voltage at any
+time. At one speed there are all laws but `receding_horizon` and `tuned`, which take long, and a
+clone of the best one. Evolution, PPO and fine-tuning choose their own speed, and the one policy for
+the front walks at commanded speeds. Friction demand is the largest |Fx| / Fy of stance and
+touchdowns, least Fy the least normal force in weights; both are of all starts that still take steps
+at the end."""
 
 #: Titles of rows.
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"

@@ -24,8 +24,8 @@ from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Actor, NetworkPolicy, Sb3Learner
 from agents.sb3.wrappers import ScaledRewards
 
-#: With a prior, the policy is an average of the actor that follows it with a time constant of so many
-#: roll-outs; over the first ones, the mean.
+#: With a prior, the policy is an average that follows the actor with a time constant of so many
+#: roll-outs; over the first ones, it is the mean.
 AVERAGED = 300
 
 
