@@ -153,7 +153,7 @@ class AverageActor(BaseCallback):
     def _on_rollout_start(self) -> None:
         model = self.model
         assert isinstance(model, SAC)
-        learned = model._n_updates / model.gradient_steps  # roll-outs
+        learned = model._n_updates / max(1, model.gradient_steps)  # roll-outs; -1: all steps
         share = 1 / min(1 + learned, AVERAGED)
         polyak_update(model.actor.parameters(), self._averaged.parameters(), share)
 
