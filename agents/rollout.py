@@ -252,7 +252,7 @@ class Rollout:
         policy: see `Policy`.
         starts: (N, STATE_SIZE); every walk counts its legs from the foot it begins on.
         n_intervals: length of the walks in control intervals.
-        seed: walk i draws its machine and its disturbances from `seed + i`, or from its own.
+        seed: walk i draws its machine and its disturbances from `seed + i`, or from `seed[i]`.
         task: whose rewards are in `info`, default: that of the environment.
         command: the speed that is commanded all the time (m/s), one or one for each walk; None:
             none is, or each walk draws its own where the conditions have speeds.
