@@ -4,7 +4,7 @@ Noise on actions is rectified: energy is drawn whichever way a current deviates,
 back. Noise of a hundredth of the voltage limit costs a clone a tenth of its energy, and the policy
 that is best under noise is not the one that is best without. So the weights vary here, and every
 policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
-the last layer varies, in the directions in which the actions of the first policy's walks change
+the last layer varies, in the directions in which the actions of the policy's walks change
 most. What is minimised is the cost of transport of the steady walk, whatever its speed, and falls
 count by `agents.reward_weight.economy`. Where machines and disturbances are drawn, all policies of
 a generation walk with the same ones, each start with its own.
@@ -32,8 +32,12 @@ from trajopt.feedback.law import Floats
 with extra("learn"):
     import cma
 
-#: Control intervals of a training, and policies of a generation.
-TIMESTEPS, POPULATION = 60_000_000, 16
+#: Control intervals of a training, and after how many the search begins anew from where it is: the
+#: features of what it sees there are others than those of the first policy's walks.
+TIMESTEPS, ANEW = 100_000_000, 100_000_000
+
+#: Policies of a generation.
+POPULATION = 16
 
 #: The last layer varies in the principal components of what it sees, down to this share of the
 #: first one's variance.
@@ -45,7 +49,7 @@ SPREAD = 0.0006
 
 #: Starts of each policy: on the gait, and at most so many from which the policy so far falls or
 #: stands still, both chosen anew after so many generations; and ordinary ones, new in each.
-GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 4, 16, 16, 20
+GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 4, 16, 32, 20
 
 #: Seconds of a walk, and those at its end over which it is measured.
 DURATION, WINDOW = 7.0, 4.0
@@ -56,6 +60,9 @@ SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 
 #: Within so long at their end (s), a wheel that walks stands on several feet.
 STANDING = 2.0
+
+#: Of what is random: the walks that are shown, the search, and the walks that are scored.
+_SHOWN, _SEARCH, _SCORED = 2, 3, 4
 
 
 class CmaEs(FineTuner):
@@ -146,13 +153,19 @@ class LastLayer:
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
         self._generation, period = 0, self._conditions.control.period
         self._lasting, self._window = round(DURATION / period), round(WINDOW / period)
-        self._rng = np.random.default_rng((self._seed, 3))
+        self._rng = np.random.default_rng((self._seed, _SEARCH))
         shown = self._show(self.first)
         if not self._choose(shown):
             raise ValueError(
                 f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all of "
                 f"{SHOWN_STARTS} starts; begin from a policy that walks"
             )
+        self._begin(self.first, shown)
+        self._drawn = np.array(self._strategy.ask())
+
+    def _begin(self, layer: Floats, shown: LabelledWalks) -> None:
+        """Search about a layer, in the principal components of what is seen on its walks."""
+        self._center, self._searched = layer, 0
         some = self._rng.integers(len(shown.observations), size=OBSERVED)
         features = self._features(shown.observations[some]).astype(np.float64)
         values, vectors = np.linalg.eigh(features.T @ features / len(features))
@@ -165,18 +178,17 @@ class LastLayer:
             "verbose": -9,
         }
         self._strategy = cma.CMAEvolutionStrategy(np.zeros(large.sum()), SPREAD, options)
-        self._drawn = np.array(self._strategy.ask())
 
     def _show(self, layer: Floats) -> LabelledWalks:
         """How a policy walks from ordinary starts."""
         period, params = self._conditions.control.period, self._conditions.params
         policy = learned_policy(lambda seen: self._features(seen) @ layer)
-        starts = draw_starts(params, SHOWN_STARTS, (self._seed, 2, self._generation))
-        first = self._first(2)
+        starts = draw_starts(params, SHOWN_STARTS, (self._seed, _SHOWN, self._generation))
+        first = self._first(_SHOWN)
         return walk(self._conditions, policy, starts, round(SHOWN / period), first)
 
     def _first(self, kind: int) -> int:
-        """The seed of this generation's first walk, of the kind that is shown or scored (2, 4).
+        """The seed of this generation's first walk, of the kind `_SHOWN` or `_SCORED`.
 
         The next walks have the next seeds.
         """
@@ -198,7 +210,7 @@ class LastLayer:
         starts = shown.states[shown.when == 0][hard]
         some = gait.take(self._rng.integers(len(gait.when), size=GAIT_STARTS))
         self._starts = np.concatenate([starts, some.states])
-        self._seeds = self._first(2) + np.concatenate([hard, some.which])
+        self._seeds = self._first(_SHOWN) + np.concatenate([hard, some.which])
         shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
         self._shares = np.array(shares) / sum(shares)
         self.intervals = POPULATION * len(shares) * self._lasting
@@ -213,7 +225,7 @@ class LastLayer:
     @property
     def mean(self) -> Floats:
         """The last layer to which the search has come, (H + 1,)."""
-        return self.first + self._basis @ self._strategy.mean
+        return self._center + self._basis @ self._strategy.mean
 
     @property
     def spread(self) -> float:
@@ -223,19 +235,22 @@ class LastLayer:
     def tell(self, scores: Floats) -> None:
         """Go on to the next generation, with the scores (POPULATION,) of this one."""
         self._strategy.tell(list(self._drawn), list(-scores))
-        self._generation += 1
+        self._generation, self._searched = self._generation + 1, self._searched + self.intervals
         if self._generation % RENEWED == 0:
-            self._choose(self._show(self.mean))
+            shown = self._show(self.mean)
+            self._choose(shown)
+            if self._searched >= ANEW:
+                self._begin(self.mean, shown)
         self._drawn = np.array(self._strategy.ask())
 
     def scores(self) -> Floats:
         """The `economy` of each policy of this generation, (POPULATION,)."""
-        layers = (self.first + self._drawn @ self._basis.T).astype(np.float32)
+        layers = (self._center + self._drawn @ self._basis.T).astype(np.float32)
         params = self._conditions.params
-        ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, 4, self._generation))
+        ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, _SCORED, self._generation))
         starts = np.tile(np.concatenate([self._starts, ordinary]), (POPULATION, 1))
         whose = np.repeat(np.arange(POPULATION), len(self._shares))
-        others = self._first(4) + np.arange(ORDINARY_STARTS)
+        others = self._first(_SCORED) + np.arange(ORDINARY_STARTS)
         seeds = np.tile(np.append(self._seeds, others), POPULATION).tolist()
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:

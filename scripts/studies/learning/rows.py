@@ -20,7 +20,7 @@ CLONED = {"": CLONE}
 LAST_ONLY = {"": LAST}
 
 #: Time steps of CMA-ES from a policy that costs twice the optimum.
-LONG = 150_000_000
+LONG = 200_000_000
 
 #: Rows whose policies others need.
 IMITATED = StudyRow(
