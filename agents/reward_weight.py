@@ -21,8 +21,7 @@ LEAST_SHARE = 0.3
 #: Fewest steps in the window of a wheel that walks.
 FEWEST_STEPS = 3
 
-#: One more start in a hundred that does not walk weighs as much as 4 % of the energy, which is
-#: about what it costs an efficient gait by the reward.
+#: One more start in a hundred that does not walk weighs as much as 4 % of the energy.
 SHARE_EXPONENT = 4
 
 
@@ -49,7 +48,7 @@ def adapted_weight(weight: float, walking: CleanWalking, floor: float) -> float:
     return min(weight, max(MULTIPLE * walking.cot, floor))
 
 
-def economy(share: float, cot: float) -> float:
+def economy(share: float, cot: float, exponent: int = SHARE_EXPONENT) -> float:
     """Distance per energy of the starts that walk, times a power of their share; 0 without any.
 
     By reward alone, a policy that stands still would beat every walk that costs more than the
@@ -60,5 +59,6 @@ def economy(share: float, cot: float) -> float:
     Args:
         share: of the starts, from which the policy walks.
         cot: cost of transport of these walks; anything if none walks.
+        exponent: of the share.
     """
-    return share**SHARE_EXPONENT / cot if share > 0.0 else 0.0
+    return share**exponent / cot if share > 0.0 else 0.0
