@@ -69,6 +69,10 @@ STANDING = 2.0
 _SHOWN, _SEARCH, _SCORED = 2, 3, 4
 
 
+class DoesNotWalkError(ValueError):
+    """The first policy falls from all starts, or does not walk."""
+
+
 class CmaEs(FineTuner):
     """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
 
@@ -84,14 +88,14 @@ class CmaEs(FineTuner):
         """Evolve until there have been `until` steps; a generation that was begun is ended.
 
         Raises:
-            ValueError: the first policy falls from all starts, or does not walk.
+            DoesNotWalkError: see there.
         """
         search = self._begun()
         while self.steps < until:
             callback.on_iteration()
             scores = search.scores()
             if not self._scores and not scores.any():
-                raise ValueError(
+                raise DoesNotWalkError(
                     f"init = {self.training.init!r}: no policy near it walks; begin from one that "
                     "walks"
                 )
@@ -148,7 +152,7 @@ class LastLayer:
         intervals: of control, in which a generation walks.
 
     Raises:
-        ValueError: the first policy falls from all starts.
+        DoesNotWalkError: the first policy falls from all starts.
     """
 
     def __init__(self, training: Training, model: Any) -> None:
@@ -160,7 +164,7 @@ class LastLayer:
         self._rng = np.random.default_rng((self._seed, _SEARCH))
         shown = self._show(self.first)
         if not self._choose(shown):
-            raise ValueError(
+            raise DoesNotWalkError(
                 f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all of "
                 f"{SHOWN_STARTS} starts; begin from a policy that walks"
             )

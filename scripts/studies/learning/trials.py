@@ -18,6 +18,7 @@ from agents.learner import BEST, IMITATION, SCRATCH
 from agents.outcomes import FALLS, WALKS, WindowTotals, outcomes
 from agents.policy_files import load_policy
 from agents.rollout import Policy, Rollout, draw_starts
+from agents.sb3.cma_es import DoesNotWalkError
 from agents.training import TrainingConfig, train
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
@@ -109,7 +110,10 @@ class Trained:
         return tuple(each.row for each in (self.start, self.expert) if each)
 
     def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
-        """Train, or go on from the last state, and evaluate."""
+        """Train, or go on from the last state, and evaluate.
+
+        CMA-ES leaves a policy as it is that does not walk.
+        """
         cache = folder.parent / CACHE
         start = self.init
         if self.start is not None:
@@ -129,7 +133,11 @@ class Trained:
             if self.expert is not None:
                 expert = str(others[self.expert.row.name] / self.expert.file)
             config = dataclasses.replace(config, expert=expert, cloning=self.cloning)
-        trained = train(config, folder, cache=cache, progress=False)
+        try:
+            trained = train(config, folder, cache=cache, progress=False)
+        except DoesNotWalkError:
+            first = evaluate(load_policy(start, BUILDABLE).policy, BUILDABLE, by)
+            return SeedResult(dict.fromkeys(self.files, WalkFigures.of(first)), 0, 0.0)
         return SeedResult(self.evaluate(folder, by), trained.timesteps, trained.curve[-1].minutes)
 
     def _environment(self) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """CMA-ES on a network's last layer: it lowers the cost of a walk, and goes on after a kill."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -41,13 +43,14 @@ def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
     assert min(each.cot for each in result.curve) < 0.995 * result.curve[0].cot
 
 
-def test_its_starts_are_chosen_anew_after_some_generations(tmp_path, monkeypatch):
+def test_its_starts_are_chosen_anew_and_its_search_begins_anew(tmp_path, monkeypatch):
     ends = []
-    for renewed in (1, 99):
+    for renewed, anew in ((99, 99), (1, 99), (1, 1)):
         monkeypatch.setattr(cma_es, "RENEWED", renewed)
-        out = tmp_path / str(renewed)
+        monkeypatch.setattr(cma_es, "ANEW", anew * GENERATION)
+        out = tmp_path / f"{renewed}_{anew}"
         ends.append(weights(run(out, "cma_es", init=CLONE, timesteps=2 * GENERATION).last))
-    assert not np.array_equal(*ends)
+    assert not any(np.array_equal(*pair) for pair in itertools.combinations(ends, 2))
 
 
 def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_its_own(
@@ -79,6 +82,8 @@ def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
     def begin(name):
         return run(tmp_path / name, "cma_es", init=CLONE, timesteps=3 * GENERATION)
 
+    monkeypatch.setattr(cma_es, "RENEWED", 1)
+    monkeypatch.setattr(cma_es, "ANEW", GENERATION)
     whole = begin("whole")
     killed_after(2, monkeypatch, lambda: begin("broken"))
     assert_same_policies(begin("broken"), whole)

@@ -175,6 +175,16 @@ def test_a_training_continues_from_a_policy_of_another_row_of_the_same_seed(untr
     assert started.record["policy_kwargs"] == trained.record["policy_kwargs"]
 
 
+def test_cma_es_leaves_a_policy_as_it_is_that_does_not_walk(untrained):
+    store, row = untrained
+    trial = Trained("cma_es", IMITATION, start=Other(row, BEST))
+    tuned = StudyRow("left", "left", "learned", trial)
+    assert completed(store, [SeedTask(tuned, 0)], BRIEF, 1) == {}
+    [first], [result] = finished(store, [row, tuned], 1).values()
+    assert repr(result.policies) == repr(first.policies)  # some figures may be NaN
+    assert result.steps == 0
+
+
 def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(monkeypatch):
     trial = Following("ppo", commands=(0.52, 0.6), changes=(0.6, 0.52))
     monkeypatch.setattr(trials, "load_policy", lambda *_: load_policy("front"))
