@@ -38,9 +38,9 @@ def tune(config: TrainingConfig, trials: int, out: Path, workers: int | None = N
     """Search for the hyperparameters of PPO or SAC with which a training ends best.
 
     Optuna's TPE proposes values of those in `space` that `config` does not give. The score is
-    `agents.reward_weight.economy` of the best periodic evaluation: the share of starts that walk,
-    over their cost of transport. What is proposed depends on which trials have ended, so only
-    searches by one worker without a stop are reproducible.
+    `agents.reward_weight.economy` of the best periodic evaluation: a power of the share of starts
+    that walk, over their cost of transport. What is proposed depends on which trials have ended, so
+    only searches by one worker without a stop are reproducible.
 
     However it was stopped, the same call continues, and so do trainings that save their state. More
     trials continue a finished search.
@@ -59,7 +59,9 @@ def tune(config: TrainingConfig, trials: int, out: Path, workers: int | None = N
     """
     trials, inputs = integer("trials", trials, 1), config.training().identity
     given = dict(cast(Mapping[str, Any], config.hyperparameters))
-    searched = {name: of for name, of in space(config.algo).items() if name not in given}
+    # with a prior, noise is given, and no bonus for entropy
+    left_out = {*given, *(() if config.prior is None else ("ent_coef",))}
+    searched = {name: of for name, of in space(config.algo).items() if name not in left_out}
     with Store(out, {**inputs, "timesteps": config.timesteps}) as store:
         study = _study(out, config.seed)
         work, tasks = functools.partial(_score, config, store), _tasks(study, searched, trials)

@@ -57,7 +57,7 @@ class Study:
     further: tuple[float, ...] = (0.56, 0.60)
     steps: int = 1
     seed: int = 0
-    timesteps: int = 30_000_000
+    timesteps: int = 100_000_000
     scratch_timesteps: int = 250_000
     evolution_timesteps: int = 600_000_000
     starts: int = 4

@@ -23,7 +23,7 @@ from agents.learner import LAST, Callback, PolicyParts, Training
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
-from agents.sb3.learner import FineTuner, architecture, put_weights, weights_of
+from agents.sb3.learner import FineTuner
 from rimless_gym.checks import extra
 from rimless_gym.hybrid import OK
 from rimless_gym.kernel.stepping import FOOT
@@ -126,20 +126,15 @@ class CmaEs(FineTuner):
 
     def state(self) -> dict[str, Any]:
         """The first policy, and the scores so far, which bring the search to the same place."""
-        weights = {name: w.copy() for name, w in weights_of(self.model).items()}
+        state = super().state()
         if self._search is not None:
-            weights["action_net.weight"][0] = self._search.first[:-1]
-            weights["action_net.bias"][0] = self._search.first[-1]
-        kwargs = architecture(self.model)
-        first = {"policy_kwargs": kwargs, "weights": weights}
-        return {**first, "scores": self._scores, "steps": self.steps}
+            state["weights"]["action_net.weight"][0] = self._search.first[:-1]
+            state["weights"]["action_net.bias"][0] = self._search.first[-1]
+        return {**state, "scores": self._scores}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Begin the search with the first policy again, and send it the scores."""
-        if state["policy_kwargs"] != architecture(self.model):
-            self.model = self._new_model(state)
-        put_weights(self.model, state["weights"])
-        self.model.num_timesteps = int(state["steps"])
+        super().restore(state)
         self._scores = list(state["scores"])
         self._begun()
 

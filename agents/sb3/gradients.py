@@ -27,7 +27,7 @@ from agents.conditions import require_usual
 from agents.imitation import walk
 from agents.learner import Callback, PolicyParts, Training
 from agents.rollout import draw_starts, learned_policy
-from agents.sb3.learner import FineTuner, architecture, put_weights, weights_of
+from agents.sb3.learner import FineTuner
 from rimless_gym.checks import extra
 from rimless_gym.kernel.stepping import HybridState
 from rimless_gym.params import WheelParams
@@ -98,17 +98,12 @@ class Gradients(FineTuner):
 
     def state(self) -> dict[str, Any]:
         """The networks, and the descent."""
-        described = {"policy_kwargs": architecture(self.model), "steps": self.steps}
-        weights = {name: w.copy() for name, w in weights_of(self.model).items()}
         descent = None if self._descent is None else self._descent.state()
-        return {**described, "weights": weights, "descent": descent}
+        return {**super().state(), "descent": descent}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
-        if state["policy_kwargs"] != architecture(self.model):
-            self.model = self._new_model(state)
-        put_weights(self.model, state["weights"])
-        self.model.num_timesteps = int(state["steps"])
+        super().restore(state)
         if state["descent"] is not None:
             self._descent = Descent(self.training, self.actor(self.model), state["descent"])
 

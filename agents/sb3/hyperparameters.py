@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 from torch import nn
 
 from agents.learner import NO_CHANGES, PRIOR, SCRATCH, LearnerSettings, require_known
@@ -194,6 +194,8 @@ def _imported(path: str, arguments: dict[str, Any]) -> type[VecEnvWrapper]:
         kind = pkgutil.resolve_name(path)
         if not (isinstance(kind, type) and issubclass(kind, VecEnvWrapper)):
             raise ValueError("is no VecEnvWrapper")
+        if issubclass(kind, VecNormalize):
+            raise ValueError("its statistics are not saved with the policy")
         inspect.signature(kind).bind(None, **arguments)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"vec_env_wrapper: {path!r}: {error}") from error

@@ -52,6 +52,7 @@ from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import COMMANDED_SIZE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.envs.task import TERM_NAMES, Task
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
@@ -107,7 +108,7 @@ class Actor:
         return NetworkPolicy(self.model)
 
     def freeze(self, frozen: bool) -> None:
-        """Let learning change only the critic, or the actor too; never the exploration noise."""
+        """Let learning change only the critic, or the actor too; never the parameters of noise."""
         for parameter in self.noise:
             parameter.requires_grad_(False)
         for weight in self.weights:
@@ -363,6 +364,19 @@ class FineTuner(Ppo):
         require_known(changes, ["n_timesteps", "policy_kwargs"])
         return super().settings(init, {"n_timesteps": cls.timesteps, **changes})
 
+    def state(self) -> dict[str, Any]:
+        """The networks, and the time steps so far."""
+        weights = {name: w.copy() for name, w in weights_of(self.model).items()}
+        described = {"policy_kwargs": architecture(self.model), "steps": self.steps}
+        return {**described, "weights": weights}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        if state["policy_kwargs"] != architecture(self.model):
+            self.model = self._new_model(state)
+        put_weights(self.model, state["weights"])
+        self.model.num_timesteps = int(state["steps"])
+
 
 def _meaning(scale: Any) -> str:
     """What actions are, in words."""
@@ -403,7 +417,7 @@ class LogWalking(BaseCallback):
         """Record the figures, and start summing again."""
         sums = dict(zip(LOGGED, self._sums.tolist(), strict=True))
         record, total = self.logger.record, sum(sums[name] for name in TERM_NAMES)
-        record("walk/return", total * EPISODE_STEPS / self._intervals)
+        record("walk/return", total * EPISODE_STEPS * CONTROL_PERIOD / sums["elapsed"])
         record("walk/speed", sums["distance"] / sums["elapsed"])
         record("walk/falls", self._falls)
         if sums["distance"] > 0:
@@ -452,7 +466,7 @@ class Anneal(BaseCallback):
 class FreezeActor(BaseCallback):
     """Keeps the actor as it is for some time steps, until the critic has learned what it is worth.
 
-    The exploration noise stays as it is for good.
+    The exploration noise of PPO stays as it is for good; SAC's is held by its target entropy.
     """
 
     def __init__(self, actor: Actor, until: int) -> None:

@@ -75,15 +75,12 @@ class Sac(Sb3Learner):
             raise ValueError(f"n_steps = {n_steps}: with a prior it must be 1; leave it out")
         scales = [given["scale"] for kind, given in settings.wrappers if kind is ScaledRewards]
         kwargs = {"prior": prior, "scale": math.prod(scales)}
-        model = super()._new_model(
+        return super()._new_model(
             described,
             replay_buffer_class=ShapedReplayBuffer,
             replay_buffer_kwargs=kwargs,
             **more,
         )
-        if model._vec_normalize_env is not None:
-            raise ValueError("vec_env_wrapper: no VecNormalize with a prior; leave it out")
-        return model
 
     @property
     def _shaping(self) -> Any:

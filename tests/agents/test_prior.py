@@ -166,7 +166,7 @@ def test_what_does_not_go_with_deviations_is_refused(tmp_path):
     with pytest.raises(ValueError, match="n_steps = 3: with a prior it must be 1"):
         learner_of("sac", n_steps=3)
     normalised = {"stable_baselines3.common.vec_env.VecNormalize": {}}
-    with pytest.raises(ValueError, match="no VecNormalize with a prior"):
+    with pytest.raises(ValueError, match="VecNormalize': its statistics are not saved"):
         learner_of("sac", vec_env_wrapper=[normalised])
 
 

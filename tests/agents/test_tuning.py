@@ -56,6 +56,12 @@ def test_a_search_continues_after_a_stop_and_writes_the_best_entry(
         tuning.tune(TrainingConfig("ppo", timesteps=1000), 6, tmp_path)
 
 
+def test_with_a_prior_no_bonus_for_entropy_is_searched(tried: list[Any], tmp_path: Path) -> None:
+    tuning.tune(TrainingConfig("sac", timesteps=1000, prior="law"), 1, tmp_path, workers=1)
+    assert "gamma" in tried[0]
+    assert "ent_coef" not in tried[0]
+
+
 def test_only_spaces_that_are_known_are_searched(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="'evolution': only those of ppo, sac"):
         tuning.tune(TrainingConfig("evolution"), 1, tmp_path)
