@@ -47,9 +47,10 @@ LEAST_VARIANCE = 1e-4
 #: an action, in voltage limits. With 0.003, a generation costs more than any of its policies gains.
 SPREAD = 0.0006
 
-#: Starts of each policy: on the gait, and at most so many from which the policy so far falls or
-#: stands still, both chosen anew after so many generations; and ordinary ones, new in each.
-GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 4, 16, 32, 20
+#: Starts of each policy: on the gait, from which the cost is measured, and at most so many from
+#: which the policy so far falls or stands still, both chosen anew after so many generations; and
+#: ordinary ones, new in each.
+GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 8, 16, 32, 20
 
 #: Exponent of the share of starts in the score: by the reward of an episode, a fall in a hundred
 #: costs an efficient gait about as much as 12 % of its energy.
@@ -212,10 +213,11 @@ class LastLayer:
         hard, usual = np.flatnonzero(lost)[:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
         starts = shown.states[shown.when == 0][hard]
         some = gait.take(self._rng.integers(len(gait.when), size=GAIT_STARTS))
-        self._starts = np.concatenate([starts, some.states])
-        self._seeds = self._first(_SHOWN) + np.concatenate([hard, some.which])
-        shares = [lost.mean() / max(1, len(hard))] * len(hard) + [1.0 / usual] * usual
-        self._shares = np.array(shares) / sum(shares)
+        self._starts = np.concatenate([some.states, starts])
+        self._seeds = self._first(_SHOWN) + np.concatenate([some.which, hard])
+        shares = np.full(usual + len(hard), 1.0 / usual)
+        shares[GAIT_STARTS : GAIT_STARTS + len(hard)] = lost.mean() / max(1, len(hard))
+        self._shares = shares / shares.sum()
         self.intervals = POPULATION * len(shares) * self._lasting
         return True
 
@@ -269,7 +271,9 @@ class LastLayer:
                 window.add(interval)
                 steps[interval.running] += interval.info["steps"]
         walking = np.array([each == WALKS for each in outcomes(fallen, steps > 0, window)])
-        shares = (walking.reshape(POPULATION, -1) @ self._shares).tolist()
-        walks = [window.total(walking & (whose == k), params)[1] for k in range(POPULATION)]
+        steady = walking & (np.arange(len(starts)) % len(self._shares) < GAIT_STARTS)
+        any_steady = steady.reshape(POPULATION, -1).any(axis=1)
+        shares = (any_steady * (walking.reshape(POPULATION, -1) @ self._shares)).tolist()
+        walks = [window.total(steady & (whose == k), params)[1] for k in range(POPULATION)]
         cots = [each.cost_of_transport(params) for each in walks]
         return np.array([economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)])
