@@ -162,7 +162,7 @@ def compare(
     further: Positives = (0.56, 0.6),
     steps: Count = 1,
     seed: Whole = 0,
-    timesteps: Whole = 30_000_000,
+    timesteps: Whole = 100_000_000,
     scratch_timesteps: Whole = 250_000,
     evolution_timesteps: Whole = 600_000_000,
     starts: Whole = 4,
