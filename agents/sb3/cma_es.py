@@ -4,10 +4,10 @@ Noise on actions is rectified: energy is drawn whichever way a current deviates,
 back. Noise of a hundredth of the voltage limit costs a clone a tenth of its energy, and the policy
 that is best under noise is not the one that is best without. So the weights vary here, and every
 policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
-the last layer varies, in the directions in which the actions of the policy's walks change
-most. What is minimised is the cost of transport of the steady walk, whatever its speed, and falls
-count by `agents.reward_weight.economy`. Where machines and disturbances are drawn, all policies of
-a generation walk with the same ones, each start with its own.
+the last layer varies, in the directions in which the actions of the policy's walks change most.
+What is minimised is the cost of transport of walks from the gait, whatever their speed; falls, from
+ordinary starts too, count by `agents.reward_weight.economy`. Where machines and disturbances are
+drawn, all policies of a generation walk with the same ones, each start with its own.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from trajopt.feedback.law import Floats
 with extra("learn"):
     import cma
 
-#: Control intervals of a training, and after how many the search begins anew from where it is: the
-#: features of what it sees there are others than those of the first policy's walks.
+#: Control intervals of a training, and after how many the search begins anew from where it is, in
+#: the principal components of what the policy sees there.
 TIMESTEPS, ANEW = 100_000_000, 100_000_000
 
 #: Policies of a generation.
@@ -89,7 +89,7 @@ class CmaEs(FineTuner):
         """Evolve until there have been `until` steps; a generation that was begun is ended.
 
         Raises:
-            DoesNotWalkError: see there.
+            DoesNotWalkError: no policy near the first one walks, or it falls from all starts.
         """
         search = self._begun()
         while self.steps < until:

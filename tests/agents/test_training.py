@@ -317,7 +317,7 @@ def test_with_files_and_a_state_its_policies_are_loaded_and_it_goes_on(
 
 def test_logged_figures_are_ratios_of_sums_over_the_infos():
     info = {name: np.zeros(2) for name in (*TERM_NAMES, "failure", "idle")}
-    info |= {"elapsed": np.full(2, 0.01), "distance": np.array([0.01, 0.03])}
+    info |= {"elapsed": np.full(2, 0.04), "distance": np.array([0.01, 0.03])}
     info |= {"electrical_positive": np.array([1.0, 0.2]), "reward_energy": np.full(2, -0.1)}
     info |= {"reward_distance": 0.5 * info["distance"]}
     seen, env = {}, SimpleNamespace(last_info=info)
@@ -328,8 +328,8 @@ def test_logged_figures_are_ratios_of_sums_over_the_infos():
     figures._record()
     assert figures._intervals == 0
     assert seen["walk/cot"] == pytest.approx(1.2 / (BUILDABLE.weight * 0.04))
-    assert seen["walk/speed"] == pytest.approx(2.0)
-    assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)
+    assert seen["walk/speed"] == pytest.approx(0.5)
+    assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 0.08 * 20)
 
 
 def _train(out, steps):

@@ -28,7 +28,7 @@ from agents.comparison.table import (
     policy_row,
 )
 from agents.evaluate import Protocol
-from agents.policy_files import LAW_ACTIONS, PRETRAINED, load_policy
+from agents.policy_files import LAW_ACTIONS, PRETRAINED, load_policy, read_record
 from agents.rollout import draw_starts
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.equations import DOUBLE
@@ -173,8 +173,7 @@ def test_a_shipped_policy_has_what_it_took_and_its_learning_curve(
     method = ShippedMethod(PRETRAINED["fine_tuned"], "fine-tuned by CMA-ES", curve=True)
     (row,) = method.rows(setting, result := method.compute(setting))
     assert (row.prior, row.intervals) == (LAW_ACTIONS, result["curve"][-1]["intervals"])
-    # the file is written a moment after the last point of the curve
-    assert row.minutes == pytest.approx(result["curve"][-1]["minutes"], rel=1e-2)
+    assert row.minutes == read_record("fine_tuned")["minutes"] >= result["curve"][-1]["minutes"]
 
 
 def test_rows_have_the_friction_demand_of_stance_and_touchdowns() -> None:

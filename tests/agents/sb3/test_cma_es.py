@@ -78,6 +78,22 @@ def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_it
     assert first != last
 
 
+def test_an_ordinary_start_that_walks_does_not_change_the_cost(tmp_path, monkeypatch):
+    scores, tell, draw = [], cma_es.LastLayer.tell, cma_es.draw_starts
+    monkeypatch.setattr(
+        cma_es.LastLayer, "tell", lambda search, new: (scores.append(new), tell(search, new))
+    )
+    for name, value in {"DURATION": 6.0, "WINDOW": 3.0, "SHOWN_STARTS": 9}.items():
+        monkeypatch.setattr(cma_es, name, value)
+    for seed in (1, 2):  # the start-ups of these two take different energies
+        monkeypatch.setattr(
+            cma_es, "draw_starts", lambda params, n, of, s=seed: draw(params, n, of if n > 1 else s)
+        )
+        run(tmp_path / str(seed), "cma_es", init=CLONE, timesteps=1)
+    assert scores[0].all()
+    assert scores[1] == pytest.approx(scores[0], rel=1e-9)
+
+
 def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
     def begin(name):
         return run(tmp_path / name, "cma_es", init=CLONE, timesteps=3 * GENERATION)
