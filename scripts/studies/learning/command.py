@@ -18,8 +18,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 from agents.cli.options import Count, MaybeCount, MaybePath, Several, chosen
-from agents.evaluate import PROTOCOL, Protocol, bootstrap_interval, interquartile_mean
-from agents.gaps import gap_to_optimum
+from agents.evaluate import EPISODE, PROTOCOL, Protocol, bootstrap_interval, interquartile_mean
+from agents.gaps import best_at_any_speed, gap_to_optimum, reward_rate
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish
@@ -27,7 +27,7 @@ from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import count, percent, table
 from scripts.studies.learning.rows import FIRST_EVENING, FRONT, LEARNED, ROWS, SECTIONS
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
-from trajopt import pool
+from trajopt import Solution, pool
 from trajopt.store import Store, jsonable, key
 
 #: A row appears in a table once this many seeds have finished.
@@ -39,19 +39,31 @@ GAITS = "front"
 #: The results of each row's seeds.
 Results: TypeAlias = Mapping[StudyRow, Sequence[SeedResult]]
 
-#: CoT over the optimum at the same speed, minus 1; None without one.
-Gap: TypeAlias = Callable[[StudyRow, WalkFigures], float | None]
+
+class Compared(NamedTuple):
+    """A policy compared with optimal gaits; None without one."""
+
+    gap: float | None = None  # of its CoT
+    returned: float | None = None  # share of the best return of 20 s
+
+
+#: A comparison of a row's policies.
+Compare: TypeAlias = Callable[[StudyRow, WalkFigures], Compared]
 
 NONE = "-"
 
-#: Columns of every table, after those that name the policy.
+#: Columns of a table with commands, after those that name the policy. Gaps are to the optimum at
+#: the speed of the walk.
 FIGURES = (
-    *("seeds that walk", "starts that walk", "gap to the optimum", "CoT", "speed (m/s)"),
+    *(publish.WALKING, "starts that walk", publish.GAP, "CoT", "speed (m/s)"),
     *("falls", "slips"),
 )
 
-#: More columns of tables in which rows were trained in different ways.
-EFFORT = ("minutes of one core", "steps")
+#: Those of the other table: gaps are to the least cost at any speed.
+LEARNED_FIGURES = (
+    *(publish.WALKING, "starts that walk", publish.OVER_LEAST, "CoT", "speed (m/s)"),
+    *("falls", "slips", "share of the best 20 s return", "minutes of one core", "steps"),
+)
 
 
 class SeedTask(NamedTuple):
@@ -100,7 +112,7 @@ def learning(
         ]
         failures = completed(store, tasks, PROTOCOL, workers)
         results = finished(store, ROWS, seeds)
-        sections = tables(results, functools.partial(gap_in, out / GAITS))
+        sections = tables(results, functools.partial(compared_in, out / GAITS))
     print("\n\n".join(sections.values()))
     if docs:
         marks, page = markdown.marks("study", tuple(sections)), docs.read_text()
@@ -174,21 +186,37 @@ def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     return results
 
 
-def gap_in(folder: Path, row: StudyRow, figures: WalkFigures) -> float | None:
-    """How far a policy is above the environment's own optimum at its speed, minus 1.
+def compared_in(folder: Path, row: StudyRow, figures: WalkFigures) -> Compared:
+    """A policy and the environment's own optimum, whose gaits are kept in the folder.
 
-    The optimal gaits are those of `agents.gaps.gap_to_optimum`, kept in the folder. None without a
-    walk or a gait, and where actions are held for another time than the voltage of the optima.
+    The optimum is the best gait at any speed; where speeds are commanded, that at the walk's own.
+    There is no gap without a walk or a gait, and where actions are held for another time than the
+    voltage of the optima.
     """
-    if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
-        return None
-    return gap_to_optimum(BUILDABLE, figures.cot, figures.speed, folder, progress=True)
+    walks = row.walks(figures)
+    if row.trial.period != CONTROL_PERIOD:
+        return Compared()
+    if row.table == LEARNED:
+        least = best_gait(folder)
+        share = figures.returned / (EPISODE * reward_rate(least))
+        return Compared(figures.cot / least.cot - 1.0 if walks else None, share)
+    if not walks:
+        return Compared()
+    return Compared(gap_to_optimum(BUILDABLE, figures.cot, figures.speed, folder, progress=True))
+
+
+@functools.cache
+def best_gait(folder: Path) -> Solution:
+    """The environment's own best gait at any speed, kept in the folder."""
+    gait = best_at_any_speed(BUILDABLE, None, folder, progress=True)
+    assert gait is not None  # the gaits of this machine are shipped
+    return gait
 
 
 # -- tables ----------------------------------------------------------------------------------------
 
 
-def tables(results: Results, gap: Gap) -> dict[str, str]:
+def tables(results: Results, compare: Compare) -> dict[str, str]:
     """A table for every section that has a row."""
     sections = {}
     for section in SECTIONS:
@@ -196,9 +224,8 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
         if rows:
             commanded = section in (FRONT, FIRST_EVENING)
             names = ("learner", "commanded") if commanded else ("policy",)
-            effort = EFFORT if section == LEARNED else ()
-            head = [*names, *FIGURES, *effort]
-            lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
+            head = [*names, *(LEARNED_FIGURES if section == LEARNED else FIGURES)]
+            lines = [line for each in rows.items() for line in _lines(*each, compare, commanded)]
             sections[section] = table(head, [line[: len(head)] for line in lines])
     return sections
 
@@ -215,13 +242,13 @@ def merged(marked: re.Pattern[str], page: str, new: str) -> str:
 
 
 def _lines(
-    row: StudyRow, seeds: Sequence[SeedResult], gap: Gap, commanded: bool
+    row: StudyRow, seeds: Sequence[SeedResult], compare: Compare, commanded: bool
 ) -> list[list[str]]:
     """A line for each of a row's policies; where speeds are commanded, one more for all of them."""
     lines = []
     for which in seeds[0].policies:
         names = [row.title, which] if commanded else [", ".join(filter(None, (row.title, which)))]
-        lines.append(names + _figures(row, which, seeds, gap))
+        lines.append(names + _figures(row, which, seeds, compare))
     if commanded and len(lines) > 1:
         walking = sum(all(map(row.walks, seed.policies.values())) for seed in seeds)
         blank = [""] * (len(FIGURES) - 1)
@@ -229,20 +256,22 @@ def _lines(
     return lines
 
 
-def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], gap: Gap) -> list[str]:
+def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], compare: Compare) -> list[str]:
     """The same policy (best kept, last, ...) of every seed of a row, in words."""
     policies = [seed.policies[which] for seed in seeds]
     walking = [each for each in policies if row.walks(each)]
     shares = [each.share for each in policies]
-    gaps = [value for each in walking if (value := gap(row, each)) is not None]
+    compared = [compare(row, each) for each in policies]
+    returned = [each.returned for each in compared if each.returned is not None]
     return [
         f"{len(walking)} of {len(policies)}",
         f"{percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",
-        _interval(gaps),
+        _interval([each.gap for each in compared if each.gap is not None]),
         _mean([each.cot for each in walking], 4),
         _mean([each.speed for each in walking], 3),
         percent(fmean(each.falls for each in policies)),
         percent(fmean(each.slips for each in policies)),
+        percent(interquartile_mean(returned)) if returned else NONE,
         f"{median(seed.minutes for seed in seeds):.1f}",
         count(median(seed.steps for seed in seeds)),
     ]

@@ -86,6 +86,12 @@ ROWS = (
     EVOLVED,
     DISTILLED,
     StudyRow(
+        "evolution_cma_es",
+        "evolution distilled into a network, then CMA-ES",
+        LEARNED,
+        Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(DISTILLED, CLONE)),
+    ),
+    StudyRow(
         "front",
         "imitation of a gain schedule",
         FRONT,

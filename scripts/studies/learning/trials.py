@@ -40,6 +40,7 @@ class WalkFigures:
     slips: float  # of the starts that still take steps at the end, but whose foot slips
     cot: float  # cost of transport of those that walk, from E+; NaN if none gets anywhere
     speed: float  # of those that walk (m/s); NaN if none does
+    returned: float = math.nan  # mean return of 20 s (m), from all starts; NaN if not measured
 
     @classmethod
     def of(cls, walks: Evaluation) -> WalkFigures:
@@ -47,7 +48,8 @@ class WalkFigures:
         starts = len(walks.outcomes)
         falls = walks.failures.get(FALLS, 0) / starts
         slips = sum(walks.failures.get(outcome, 0) for outcome in SLIPS) / starts
-        return cls(walks.walking_share, falls, slips, walks.cot, walks.speed)
+        returned = float(walks.returns.mean())
+        return cls(walks.walking_share, falls, slips, walks.cot, walks.speed, returned)
 
 
 #: What distinguishes a policy from the others of its seed -> how it walks.

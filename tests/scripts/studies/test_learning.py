@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from agents.policy_files import load_policy
 from agents.training import TrainingConfig
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.learning import command, trials
-from scripts.studies.learning.command import SeedTask, completed, finished, tables
+from scripts.studies.learning.command import Compared, SeedTask, completed, finished, tables
 from scripts.studies.learning.rows import ROWS, SECTIONS
 from scripts.studies.learning.trials import (
     Following,
@@ -89,12 +90,16 @@ def test_a_changed_trial_is_another_task():
 
 def test_tables_count_seeds_that_do_not_walk_and_average_over_the_others():
     results = {FIRST: [FIRST.trial.run(*seed) for seed in made_seeds()]}
-    (table,) = tables(results, lambda row, policy: 0.1 if row.walks(policy) else None).values()
+    (table,) = tables(results, compared).values()
     (line,) = table.splitlines()[2:]
     assert line == (
         "| the first, best kept | 2 of 3 | 96 % (50 to 100) | +10.0 % (+10.0 to +10.0) | 0.0550 | "
-        "0.560 | 18 % | 0 % | 1.5 | 2 k |"
+        "0.560 | 18 % | 0 % | 80 % | 1.5 | 2 k |"
     )
+
+
+def compared(row, policy):
+    return Compared(0.1 if row.walks(policy) else None, 0.8)
 
 
 def made_seeds():
@@ -109,7 +114,7 @@ def test_where_nothing_walks_figures_are_missing_and_all_commands_have_a_line():
     nothing = WalkFigures(0.0, 1.0, 0.0, NAN, NAN)
     row = StudyRow("plain", "plain", "first_evening", Trained("ppo"))
     results = {row: [SeedResult({"0.5 m/s": nothing, "0.6 m/s": nothing}, 500, 1.0)]}
-    (table,) = tables(results, lambda row, policy: None).values()
+    (table,) = tables(results, lambda row, policy: Compared()).values()
     assert table.splitlines()[2] == (
         "| plain | 0.5 m/s | 0 of 1 | 0 % (0 to 0) | - | - | - | 100 % | 0 % |"
     )
@@ -118,11 +123,23 @@ def test_where_nothing_walks_figures_are_missing_and_all_commands_have_a_line():
 
 def test_gaps_are_of_policies_that_walk_and_act_as_often_as_the_optimum(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "gap_to_optimum", lambda params, cot, speed, *_, **__: cot)
-    walks, falls = WalkFigures(1.0, 0.0, 0.0, 0.05, 0.56), WalkFigures(0.5, 0.5, 0.0, 0.05, 0.56)
-    assert command.gap_in(tmp_path, FIRST, walks) == 0.05
-    assert command.gap_in(tmp_path, FIRST, falls) is None
+    walks, falls = (WalkFigures(share, 1 - share, 0.0, 0.05, 0.56, 4.5) for share in (1.0, 0.5))
+    front = dataclasses.replace(FIRST, table="front")
+    assert command.compared_in(tmp_path, front, walks) == Compared(0.05)
+    assert command.compared_in(tmp_path, front, falls) == Compared()
     other = StudyRow("other", "other", "learned", Toy((1.0,), period=0.04))
-    assert command.gap_in(tmp_path, other, walks) is None
+    assert command.compared_in(tmp_path, other, walks) == Compared()
+
+
+def test_without_a_command_a_policy_is_compared_with_the_best_gait_at_any_speed(
+    tmp_path, monkeypatch
+):
+    gait = SimpleNamespace(cot=0.04, speed=0.5)
+    monkeypatch.setattr(command, "best_gait", lambda folder: gait)
+    walks, falls = (WalkFigures(share, 1 - share, 0.0, 0.05, 0.56, 2.3) for share in (1.0, 0.5))
+    share = 2.3 / (20.0 * 0.5 * (0.5 - 0.04))  # of the gait's return, 0.5 being the reward's weight
+    assert command.compared_in(tmp_path, FIRST, walks) == pytest.approx((0.25, share))
+    assert command.compared_in(tmp_path, FIRST, falls) == (None, pytest.approx(share))
 
 
 def test_the_command_replaces_the_lines_of_finished_rows(tmp_path, monkeypatch, capsys):
@@ -130,7 +147,7 @@ def test_the_command_replaces_the_lines_of_finished_rows(tmp_path, monkeypatch, 
     known = "| policy | seeds that walk |\n| the first, best kept | old |\n| another | stays |\n"
     page.write_text(f"<!-- study: learned -->\n{known}<!-- end of learned -->\n")
     monkeypatch.setattr(command, "ROWS", (FIRST, SECOND))
-    monkeypatch.setattr(command, "gap_in", lambda *_: None)
+    monkeypatch.setattr(command, "compared_in", lambda *_: Compared())
     study = functools.partial(command.learning, out=out, seeds=2, workers=1, docs=page)
     assert study(rows=("first",)) == 0
     assert "| the first, best kept | 2 of 2 |" in page.read_text()
