@@ -54,7 +54,7 @@ ADAPTIVE = "adaptive controller (8 starts)"
 HEADINGS = (
     *("prior used", "cost of transport over the least at any speed"),
     *("share of the best 20 s return", "starts that walk", "environment steps"),
-    *("minutes of one core", "cost over the best gait at its speed, several seeds"),
+    *("minutes of one core", "cost over the least, several seeds"),
 )
 
 #: Rows of the headline: their titles, and what they are for somebody who reads nothing else, with

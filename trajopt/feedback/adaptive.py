@@ -73,10 +73,6 @@ TRIALS, TRIAL = 4, 6.0
 #: slowly.
 LONGER = 3
 
-#: Softness (s) of the start-up controller on a slope that the table does not have: by costs to go
-#: of level ground, the best voltage alone may lead into another cycle.
-SOFTER = 0.1
-
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
 LANDING = 0.75
 
@@ -180,7 +176,7 @@ class AdaptiveController:
         On a slope that the table does not have, the start-up controller by itself.
         """
         if not self.table.has(params.slope):
-            startup = dataclasses.replace(self.startup, params=params, softness=SOFTER)
+            startup = dataclasses.replace(self.startup, params=params)
             return ContactGuard(params, startup, self.margin)
         return self.guarded(self.law_of(params))
 

@@ -69,7 +69,7 @@ FALL = 2 * NEVER
 #: Most sweeps, and the largest change (m) at which they have converged.
 SWEEPS, CONVERGED = 400, 1e-3
 
-#: A voltage that costs more than the best by so much time (s) counts 1/e of it, usually.
+#: A voltage that costs more than the best by so much time (s) counts 1/e of it.
 SOFTNESS = 0.01
 
 #: Wheels that are simulated at a time.
@@ -163,7 +163,6 @@ class StartUpController:
     grid: StateGrid  # of the cost to go
     to_go: CostToGo  # the cost to go
     weights: Weights  # of the cost
-    softness: float = SOFTNESS  # a voltage that costs more by so much time (s) counts 1/e
 
     @classmethod
     def to(
@@ -198,7 +197,7 @@ class StartUpController:
         remaining = _remaining(after, cost, self.to_go, self.grid)
         more = remaining.reshape(len(states), len(choices))
         more -= more.min(axis=1, keepdims=True)
-        shares = np.exp(-more / (self.softness * self.weights.time))
+        shares = np.exp(-more / (SOFTNESS * self.weights.time))
         mean = (shares * choices).sum(axis=1) / shares.sum(axis=1)
         return np.asarray(mean if np.ndim(x) == 2 else mean[0])
 

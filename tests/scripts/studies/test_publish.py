@@ -34,13 +34,14 @@ RECORD: dict[str, Any] = {
 }
 
 #: docs/learning.md with a line for every learner, and a table of other columns before.
-HEAD = "| policy | seeds that walk | starts that walk | gap to the optimum |"
+HEAD = "| policy | seeds that walk | starts that walk | over the least cost |"
+COMMANDED = "| learner | commanded | seeds that walk | starts that walk | gap to the optimum |"
 HEADED = [HEAD, "| --- | --- | --- | --- |"]
 LEARNING = "\n".join(
     ["| policy | CoT |", "| --- | --- |", *[f"| {cells[0]} | 0.1 |" for cells in STUDIED.values()]]
     + HEADED
     + [f"| {cells[0]} | 9 of 10 | 99 % | +7 % |" for cells in STUDIED.values() if len(cells) == 1]
-    + ["", HEAD.replace("policy", "learner | commanded"), "| --- | --- | --- | --- | --- |"]
+    + ["", COMMANDED, "| --- | --- | --- | --- | --- |"]
     + [
         f"| {' | '.join(cells)} | 10 of 10 | 99 % | +2 % |"
         for cells in STUDIED.values()
