@@ -17,7 +17,7 @@ LEARNED, FRONT, FIRST_EVENING = SECTIONS
 #: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
 KEPT = {"best kept": BEST, "last": LAST}
 CLONED = {"": CLONE}
-LAST_ONLY = {"": LAST}
+LAST_ONLY, BEST_ONLY = {"": LAST}, {"": BEST}
 
 #: Time steps of CMA-ES from a policy that costs twice the optimum.
 LONG = 200_000_000
@@ -89,7 +89,7 @@ ROWS = (
         "evolution_cma_es",
         "evolution distilled into a network, then CMA-ES",
         LEARNED,
-        Trained("cma_es", IMITATION, None, LAST_ONLY, start=Other(DISTILLED, CLONE)),
+        Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(DISTILLED, CLONE)),
     ),
     StudyRow(
         "front",
