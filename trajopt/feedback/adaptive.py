@@ -16,6 +16,7 @@ The fitted model has the structure of the simulator's; what it lacks is in docs/
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -122,6 +123,8 @@ class AdaptiveController:
         wanted: the gait to come to: the first one, or one of shorter steps.
         encoders: standard deviation of the encoders' errors (rad); errors of this size are added to
             the logged angles, which a simulation has exactly.
+        folder: where start-up controllers for slopes are stored; None: nowhere.
+        on_slopes: those that were needed so far, by whole degrees.
     """
 
     table: GaitTable
@@ -129,6 +132,8 @@ class AdaptiveController:
     near: float
     wanted: Solution
     encoders: float = 1e-3
+    folder: Path | None = None
+    on_slopes: dict[int, StartUpController] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def about(cls, gait: Solution, folder: Path | None = None) -> AdaptiveController:
@@ -146,7 +151,7 @@ class AdaptiveController:
         table = GaitTable.about(sturdy(gait), folder)
         near = near_for(table.law)
         startup = startup_for(table.law, near, lost_return(table.gait), folder)
-        return cls(table, startup, near, gait)
+        return cls(table, startup, near, gait, folder=folder)
 
     @property
     def params(self) -> WheelParams:
@@ -166,9 +171,29 @@ class AdaptiveController:
 
     def guarded(self, law: Law, wider: float = 1.0) -> ContactGuard:
         """A law with what leads to its gait, from the gait that is walked first."""
-        startup = dataclasses.replace(self.startup, params=law.params)
+        startup = dataclasses.replace(self.startup_on(law.params.slope), params=law.params)
         switching = SwitchingController(law, startup, wider * self.near)
         return ContactGuard(law.params, switching, self.margin)
+
+    def startup_on(self, slope: float) -> StartUpController:
+        """What leads the nominal machine to the gait that is walked first, on a slope (rad).
+
+        On one that the table does not have it is that of the nearest whole degree, which takes 20 s
+        of one core to compute where it is not in the folder. Costs to go of level ground would lead
+        into cycles far from the gait.
+        """
+        if self.table.has(slope):
+            return self.startup
+        degrees = round(math.degrees(slope))
+        if degrees not in self.on_slopes:
+            params = self.params.replace(slope=math.radians(degrees))
+            gait = own_gait(self.table.gait, params, 0)
+            self.on_slopes[degrees] = self.startup
+            if gait is not None:
+                weights = self.startup.weights
+                on = startup_for(law_about(gait), self.near, weights, self.folder)
+                self.on_slopes[degrees] = on
+        return self.on_slopes[degrees]
 
     def own(self, params: WheelParams) -> ContactGuard:
         """The table's law about a machine's own gait, with what leads to it.
@@ -176,7 +201,7 @@ class AdaptiveController:
         On a slope that the table does not have, the start-up controller by itself.
         """
         if not self.table.has(params.slope):
-            startup = dataclasses.replace(self.startup, params=params)
+            startup = dataclasses.replace(self.startup_on(params.slope), params=params)
             return ContactGuard(params, startup, self.margin)
         return self.guarded(self.law_of(params))
 
