@@ -70,10 +70,16 @@ def log(
     )
     if named.conditions.commanded:
         raise ValueError(f"{policy}: is commanded a speed; log a policy that chooses its own")
+    if named.period != CONTROL_PERIOD:
+        raise ValueError(
+            f"{policy}: decides every {named.period:g} s; log one that does every "
+            f"{CONTROL_PERIOD:g} s"
+        )
     first = at_rest(walking) if start is None else draw_starts(walking, start + 1, 0)[start]
     walk = logged(named.policy, walking, first, seconds, Noise(angle, current, rate), seed)
     walk.save(out)
-    print(f"{out}: {len(walk)} samples, {walk.time[-1]:.2f} s, to foot {walk.foot[-1]:.0f}")
+    fell = ", where the wheel fell" * (walk.time[-1] < seconds - 2 * CONTROL_PERIOD)
+    print(f"{out}: {len(walk)} samples, {walk.time[-1]:.2f} s, to foot {walk.foot[-1]:.0f}{fell}")
     return 0
 
 

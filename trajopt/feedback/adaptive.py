@@ -46,7 +46,7 @@ from trajopt.feedback.orbit import has_clock, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import identify
+from trajopt.identification.fit import Noise, identify
 from trajopt.identification.log import Log, LogError
 
 #: After so many fits a machine far from the table's, and one that is to walk at another speed, has
@@ -231,7 +231,7 @@ class AdaptiveController:
                 break
             try:
                 law = flat(law_about(own).data)
-            except RuntimeError:
+            except (RuntimeError, ValueError):  # see `Grid.of` and `riccati`
                 break
             times = gait.duration * (np.arange(TRIALS) + 0.5) / TRIALS
             if not self.holds(params, law, len(laws), gait.state(times)):
@@ -410,6 +410,7 @@ class AdaptiveWalks:
                     self.machines[row] if known else table.params,
                     table.names,
                     covariance=FORGETTING * self._covariance[row] if known else None,
+                    noise=Noise(angle=self.controller.encoders),
                 )
             except LogError:
                 continue

@@ -61,6 +61,9 @@ MOST_CHI2 = 3.0
 #: identifiable.
 LEAST_INFORMATION = 1.0
 
+#: Most that a parameter may change, in its tolerances, where these are a share of it.
+FARTHEST = 8.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
@@ -162,6 +165,8 @@ def identify(
     require_usable(log, params)
     free = physical(params) if free is None else tuple(free)
     before = np.diag(_scales(params, free, tolerance) ** 2) if covariance is None else covariance
+    if np.shape(before) != 2 * (len(free),):
+        raise ValueError(f"covariance: has shape {np.shape(before)}; must be {2 * (len(free),)}")
     scale = np.sqrt(np.diag(before))
     prior = np.linalg.inv(before / np.outer(scale, scale))
     channels = [name for name in ("phi", "theta", "current", "dphi", "dtheta") if _has(log, name)]
@@ -182,7 +187,18 @@ def identify(
             f"{residuals[worst]:.3g} standard deviations off: the log is of another machine or "
             "motion than the model's, its noise is larger, or more parameters must be free"
         )
-    machine = Design.of(*free).machine(params, fit.value(q))
+    values, off = fit.value(q), np.abs(q) * [name not in TOLERANCES for name in free]
+    if covariance is None and off.max() > FARTHEST:
+        far = off.argmax()
+        raise LogError(
+            f"{free[far]} = {values[far]:.4g}: is {off[far]:.3g} standard deviations from what was "
+            f"known, {getattr(params, free[far]):.4g}; must be within {FARTHEST:g}: other units in "
+            "the log, or another machine? If it was not known so well, give its tolerance"
+        )
+    try:
+        machine = Design.of(*free).machine(params, values)
+    except ValueError as error:
+        raise LogError(f"the log is explained best by a machine that cannot be: {error}") from error
     shares, directions = np.linalg.eigh(system.information)
     unidentifiable = tuple(
         {free[i]: float(v[i]) for i in np.argsort(-np.abs(v)) if abs(v[i]) > 0.1}
@@ -210,6 +226,8 @@ def _scales(
     """The standard deviations of the parameters before."""
     share = TOLERANCE if isinstance(tolerance, Mapping) else positive("tolerance", tolerance)
     given = tolerance if isinstance(tolerance, Mapping) else {}
+    if unknown := [name for name in given if name not in free]:
+        raise ValueError(f"tolerance: {', '.join(unknown)} is not free; free is {', '.join(free)}")
     scales = []
     for name in free:
         if name in ("n_legs", "friction", "voltage_limit", "idle_power", "pendulum_reach") or (
@@ -316,8 +334,9 @@ class _Fit:
 
     def system(self, pieces: _Pieces, q: Floats) -> _System:
         """The system about a point."""
-        k, p = len(q), self.value(q)
-        if (p * np.sign(self.value(np.zeros(k))) <= 0)[[n != "slope" for n in self.free]].any():
+        k, p, before = len(q), self.value(q), self.value(np.zeros(len(q)))
+        wrong = np.where(before == 0, p < 0, p * before <= 0)
+        if wrong[[name != "slope" for name in self.free]].any():
             return _System(np.eye(k), q, math.inf, np.zeros(0), 0, (np.zeros(0), np.zeros(0)))
         r, J = self.residuals(pieces, p)
         J[..., 4:] *= self.scale

@@ -25,8 +25,9 @@ JITTER = 0.1
 #: How far beyond its touchdowns the leg may be, by errors of the sensor (rad).
 BEYOND = 0.1
 
-#: Least length of a log (s), and least turn of the pendulum in it (rad).
-SHORTEST, STILLEST = 0.3, 0.2
+#: Least length of a log (s), least turn of the pendulum in it (rad), and most time between samples
+#: (s), in which a wheel takes a large part of a step.
+SHORTEST, STILLEST, COARSEST = 0.3, 0.2, 0.1
 
 
 class LogError(ValueError):
@@ -116,10 +117,11 @@ class Log:
             else:
                 table = np.genfromtxt(path, delimiter=",", names=True, ndmin=1)
                 columns = {name: table[name] for name in table.dtype.names or ()}
-        except FileNotFoundError:
-            raise
-        except (OSError, ValueError, zipfile.BadZipFile) as error:
-            raise LogError(f"{path}: damaged, or no log ({error})") from error
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"{path}: not found; `rimless log` writes a log") from error
+        except (OSError, ValueError, IndexError, TypeError, zipfile.BadZipFile) as error:
+            (first, *_) = str(error).splitlines() or [repr(error)]
+            raise LogError(f"{path}: damaged, or no log ({first})") from error
         if missing := [name for name in NEEDED if name not in columns]:
             raise LogError(f"{path}: has no column {', '.join(missing)}; needs {', '.join(NEEDED)}")
         return cls(**{name: columns[name] for name in (*NEEDED, *OPTIONAL) if name in columns})
@@ -133,7 +135,7 @@ class Log:
             np.savez_compressed(path, **columns)
         else:
             table = np.column_stack(list(columns.values()))
-            np.savetxt(path, table, "%.9g", ",", header=",".join(columns), comments="")
+            np.savetxt(path, table, "%.15g", ",", header=",".join(columns), comments="")
 
 
 def require_usable(log: Log, params: WheelParams) -> None:
@@ -145,6 +147,11 @@ def require_usable(log: Log, params: WheelParams) -> None:
         raise LogError(
             f"phi = {log.phi[outside.argmax()]:.4g}: must be from {c.a:.3g} to {c.b:.3g} rad, "
             f"where the {params.n_legs} legs touch down; degrees, or another machine?"
+        )
+    if log.period > COARSEST:
+        raise LogError(
+            f"time: {log.period:.4g} s pass between samples; must be at most {COARSEST:g} s; "
+            "milliseconds?"
         )
     turns = np.abs(np.diff(np.unwrap(log.theta))) / log.period
     if turns.max() > MAX_RATE:

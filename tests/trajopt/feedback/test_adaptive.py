@@ -27,9 +27,10 @@ class Startup:
     """In place of a start-up controller."""
 
     params: object
+    volts: float = 0.0
 
     def __call__(self, x, mode):
-        return np.zeros(len(x))
+        return np.full(len(x), self.volts)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +192,7 @@ def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(contr
 
 
 def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(controller, held):
+    controller.on_slopes[2] = Startup(held.params, 0.25)  # in degrees, the nearest to 0.03 rad
     walks = controller.begin(2)
     state = walks.state()
     state["machines"][1]["slope"] = 0.03
@@ -198,7 +200,7 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
     x = hybrid_states(held.state(np.full(2, 0.2)), SINGLE)
     volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
     assert abs(volts[0]) > 0.5
-    assert volts[1] == 0.0
+    assert volts[1] == 0.25
 
 
 def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_first(

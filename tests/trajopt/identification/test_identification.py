@@ -64,6 +64,13 @@ def test_a_slope_is_one_more_unknown() -> None:
     assert found.params.slope == pytest.approx(sloped.slope, abs=np.radians(0.2))
 
 
+def test_what_a_machine_was_taken_not_to_have_is_found() -> None:
+    damped = dataclasses.replace(BUILDABLE, hub_damping=0.02)
+    found = identify(driven(damped), BUILDABLE, ["pendulum_length", "hub_damping"])
+    error = abs(found.params.hub_damping - damped.hub_damping)
+    assert error < 4 * np.sqrt(found.covariance[1, 1]) < damped.hub_damping
+
+
 def test_what_the_model_lacks_shifts_lengths_by_less_than_a_percent() -> None:
     """3 % of the power goes into the air, the gear has half a degree of play, the driver 20 kHz.
 
@@ -102,10 +109,14 @@ def test_useless_logs_are_refused_with_the_number_that_shows_it(log: Log, tmp_pa
         columns = {f.name: getattr(log, f.name) for f in dataclasses.fields(Log)}
         return Log(**{name: column[:end] for name, column in columns.items()})
 
+    shares = dataclasses.replace(log, voltage=log.voltage / BUILDABLE.voltage_limit)
+    with pytest.raises(LogError, match=r"standard deviations from what was known.*units"):
+        identify(shares, BUILDABLE)
     still = dataclasses.replace(log, theta=0.001 * log.theta)
     for bad, number in (
         (dataclasses.replace(log, phi=np.degrees(log.phi)), r"phi = .*degrees"),
         (dataclasses.replace(log, theta=np.degrees(log.theta)), r"rad/s.*degrees"),
+        (dataclasses.replace(log, time=1000 * log.time), "10 s pass .*milliseconds"),
         (cut(20), "lasts 0.19 s"),
         (still, "turns by 0.00"),
         (driven(dataclasses.replace(BUILDABLE, pendulum_length=0.1)), r"chi2 = \d"),
