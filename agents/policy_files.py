@@ -274,8 +274,8 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     if _is_foreign(path):
         raise CheckpointError(
             f"{path}: a file of plain stable-baselines3, which is a pickle: reading it can run any "
-            "code that its author put into it; if you trust the author, load it with "
-            "trust_pickle=True (on the command line --trust-pickle)"
+            "code that its author put into it; if you trust the author, `rimless evaluate` and "
+            "`watch` read it with --trust-pickle, and `load_policy` with trust_pickle=True"
         )
     record, weights = read_arrays(path, FORMAT, CheckpointError, _REMEDY)
     wrong = [name for name, w in weights.items() if w.dtype.kind != "f" or not np.isfinite(w).all()]
