@@ -17,6 +17,7 @@ import numpy as np
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     ADAPTIVE,
+    EVOLVED,
     FRONT_POLICY,
     PPO_PRIOR,
     SAC_PRIOR,
@@ -47,7 +48,11 @@ Result: TypeAlias = dict[str, Any]
 
 #: The shipped policies; by the name alone, a file in the current folder would be loaded.
 FRONT_FILE = PRETRAINED["front"]
-PRIOR_FILES = {PPO_PRIOR: PRETRAINED["ppo"], SAC_PRIOR: PRETRAINED["sac"]}
+BEST_SEEDS = {
+    PPO_PRIOR: PRETRAINED["ppo"],
+    SAC_PRIOR: PRETRAINED["sac"],
+    EVOLVED: PRETRAINED["evolved"],
+}
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
 BETWEEN = (0.58, 0.61)
@@ -90,7 +95,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         LearnedMethod(
             "scratch", SCRATCH, "PPO from scratch", BEST, budget="scratch_timesteps", curve=True
         ),
-        *prior_policies(study),
+        *best_of_seeds(study),
         *(_shipped_trainings() if study.shipped else TRAININGS),
     )
 
@@ -421,11 +426,11 @@ class ShippedMethod:
         ]
 
 
-def prior_policies(study: Study) -> tuple[ShippedMethod, ...]:
-    """The shipped policies with the law as prior, if the study's machine is their own."""
+def best_of_seeds(study: Study) -> tuple[ShippedMethod, ...]:
+    """The shipped policies that are the best of their seeds, if the machine is their own."""
     return tuple(
         ShippedMethod(file, title, curve=True)
-        for title, file in PRIOR_FILES.items()
+        for title, file in BEST_SEEDS.items()
         if load_policy(file).params == study.params
     )
 

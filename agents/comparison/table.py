@@ -48,6 +48,7 @@ at the end."""
 #: Titles of rows.
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
 SAC_PRIOR = "SAC with the law as prior, distilled, then CMA-ES"
+EVOLVED = "evolution distilled into a network, then CMA-ES"
 ADAPTIVE = "adaptive controller (8 starts)"
 
 #: Columns of the headline, after the name of a policy.
@@ -68,6 +69,7 @@ HEADLINE = {
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
     FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
+    EVOLVED: "evolution; a network cloned from it; then CMA-ES (`evolved`)",
     PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
     SAC_PRIOR: "SAC, the same prior; a network cloned from it; then CMA-ES (`sac`)",
     "PPO from scratch": "PPO from nothing, default settings",

@@ -15,7 +15,15 @@ from typing import Any
 
 from agents.comparison.methods import LearnedMethod, methods
 from agents.comparison.study import Study
-from agents.comparison.table import FRONT_POLICY, HEADLINE, PPO_PRIOR, SAC_PRIOR, Row, headline
+from agents.comparison.table import (
+    EVOLVED,
+    FRONT_POLICY,
+    HEADLINE,
+    PPO_PRIOR,
+    SAC_PRIOR,
+    Row,
+    headline,
+)
 from agents.policy_files import read_record
 from agents.reports import NONE, value_text
 from rimless_gym import Task
@@ -45,6 +53,7 @@ STUDIED: Mapping[str, tuple[str, ...]] = {
     "evolution from scratch": ("evolution from scratch, best kept",),
     PPO_PRIOR: (PPO_PRIOR,),
     SAC_PRIOR: (SAC_PRIOR,),
+    EVOLVED: (EVOLVED,),
 }
 
 #: Columns of the tables over many seeds.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agents.comparison.table import PPO_PRIOR, SAC_PRIOR
+from agents.comparison.table import EVOLVED, PPO_PRIOR, SAC_PRIOR
 from agents.evaluate import COMMANDS
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH
 from agents.prior import LAW
@@ -26,12 +26,14 @@ LONG = 200_000_000
 IMITATED = StudyRow(
     "imitation", "imitation of the LQR", LEARNED, Trained("ppo", IMITATION, 0, CLONED)
 )
-EVOLVED = StudyRow("evolution", "evolution from scratch", LEARNED, Trained("evolution", files=KEPT))
+EVOLUTION = StudyRow(
+    "evolution", "evolution from scratch", LEARNED, Trained("evolution", files=KEPT)
+)
 DISTILLED = StudyRow(
     "distilled",
     "evolution distilled into a network",
     LEARNED,
-    Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLVED, BEST)),
+    Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLUTION, BEST)),
 )
 WITH_PRIOR = StudyRow(
     "ppo_prior",
@@ -83,11 +85,11 @@ ROWS = (
         LEARNED,
         Trained("cma_es", IMITATION, LONG, LAST_ONLY, start=Other(SAC_DISTILLED, CLONE)),
     ),
-    EVOLVED,
+    EVOLUTION,
     DISTILLED,
     StudyRow(
         "evolution_cma_es",
-        "evolution distilled into a network, then CMA-ES",
+        EVOLVED,
         LEARNED,
         Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(DISTILLED, CLONE)),
     ),

@@ -13,13 +13,14 @@ from agents.comparison.methods import (
     TRAININGS,
     AdaptiveMethod,
     ShippedMethod,
+    best_of_seeds,
     front_policy,
     methods,
-    prior_policies,
 )
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     ADAPTIVE,
+    EVOLVED,
     FRONT_POLICY,
     PPO_PRIOR,
     SAC_PRIOR,
@@ -126,7 +127,7 @@ def test_the_adaptive_controller_walks_from_fewer_starts_or_is_left_out(
 
 def test_shipped_policies_leave_out_other_machines_and_speeds() -> None:
     for changes in ({"friction": 0.7}, {"gear_loss": 0.0}):
-        assert front_policy(Study(changes=changes)) == prior_policies(Study(changes=changes)) == ()
+        assert front_policy(Study(changes=changes)) == best_of_seeds(Study(changes=changes)) == ()
     (method,) = front_policy(Study(speed=0.4, further=(0.56,)))
     speeds = load_policy(listed.FRONT_FILE).conditions.control.speeds
     assert speeds is not None
@@ -136,8 +137,8 @@ def test_shipped_policies_leave_out_other_machines_and_speeds() -> None:
 def test_another_file_of_a_shipped_policy_is_another_result(
     setting: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    method, other = prior_policies(Study())
-    assert other.title == SAC_PRIOR
+    method, *others = best_of_seeds(Study())
+    assert [other.title for other in others] == [SAC_PRIOR, EVOLVED]
     monkeypatch.setattr(setting, "evaluated", lambda policy: EVALUATION)
     (row,) = method.rows(setting, method.compute(setting))
     assert (row.title, row.study_speed, row.cot) == (PPO_PRIOR, None, EVALUATION["cot"])
