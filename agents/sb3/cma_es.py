@@ -78,7 +78,8 @@ class DoesNotWalkError(ValueError):
 class CmaEs(FineTuner):
     """Evolves the last layer of a policy as PPO has it: of a clone, or of a policy of PPO."""
 
-    # the search's mean: the periodic evaluations, of few starts, tell good policies no better
+    # the search's mean: the periodic evaluations, of few starts, tell good policies no better. But
+    # where gaits are only just stable, as after evolution, `BEST` is the one to keep
     name, timesteps, recommended = "cma_es", TIMESTEPS, LAST
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:

@@ -15,6 +15,7 @@ The fitted model has the structure of the simulator's; what it lacks is in docs/
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -65,6 +66,9 @@ COSTLY = 1.1
 #: A law about the first gait that was solved for, and one about a gait of shorter steps, acts from
 #: so many times as far away as one of the table: it takes over from another gait.
 WIDER = 1.25, 2.0
+
+#: What the design of a law about a gait, and of what leads there, may raise.
+NO_LAW = ValueError, RuntimeError
 
 #: How many walks try such a law in a simulation, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
@@ -121,8 +125,8 @@ class AdaptiveController:
         startup: leads the nominal machine to that gait; another machine's uses its costs to go.
         near: distance from a gait up to which its law acts.
         wanted: the gait to come to: the first one, or one of shorter steps.
-        encoders: standard deviation of the encoders' errors (rad); errors of this size are added to
-            the logged angles, which a simulation has exactly.
+        encoders: standard deviation of the encoders' errors (rad), > 0; errors of this size are
+            added to the logged angles, which a simulation has exactly.
         folder: where start-up controllers for slopes are stored; None: nowhere.
         on_slopes: those that were needed so far, by whole degrees.
     """
@@ -186,13 +190,13 @@ class AdaptiveController:
             return self.startup
         degrees = round(math.degrees(slope))
         if degrees not in self.on_slopes:
-            params = self.params.replace(slope=math.radians(degrees))
+            startup, params = self.startup, self.params.replace(slope=math.radians(degrees))
             gait = own_gait(self.table.gait, params, 0)
-            self.on_slopes[degrees] = self.startup
             if gait is not None:
-                weights = self.startup.weights
-                on = startup_for(law_about(gait), self.near, weights, self.folder)
-                self.on_slopes[degrees] = on
+                with contextlib.suppress(*NO_LAW):
+                    law = law_about(gait)
+                    startup = startup_for(law, self.near, startup.weights, self.folder)
+            self.on_slopes[degrees] = startup
         return self.on_slopes[degrees]
 
     def own(self, params: WheelParams) -> ContactGuard:
@@ -231,7 +235,7 @@ class AdaptiveController:
                 break
             try:
                 law = flat(law_about(own).data)
-            except (RuntimeError, ValueError):  # see `Grid.of` and `riccati`
+            except NO_LAW:
                 break
             times = gait.duration * (np.arange(TRIALS) + 0.5) / TRIALS
             if not self.holds(params, law, len(laws), gait.state(times)):

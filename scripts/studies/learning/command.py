@@ -262,7 +262,8 @@ def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], compare: Co
     walking = [each for each in policies if row.walks(each)]
     shares = [each.share for each in policies]
     compared = [compare(row, each) for each in policies]
-    returned = [each.returned for each in compared if each.returned is not None]
+    shares_of_best = [each.returned for each in compared if each.returned is not None]
+    returned = [each for each in shares_of_best if math.isfinite(each)]
     return [
         f"{len(walking)} of {len(policies)}",
         f"{percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,6 +202,26 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
     volts = walks(np.arange(2), x[:, :4], np.zeros(2, dtype=np.int64), np.zeros(2))
     assert abs(volts[0]) > 0.5
     assert volts[1] == 0.25
+
+
+def test_what_leads_to_the_gait_on_a_steep_slope_is_of_whole_degrees_and_made_once(
+    controller, held, monkeypatch
+) -> None:
+    made = []
+
+    def startup_for(law, near, weights, folder):
+        made.append(np.degrees(law.params.slope))
+        return Startup(law.params, 0.5)
+
+    monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: params)
+    monkeypatch.setattr(adaptive, "law_about", lambda params: SimpleNamespace(params=params))
+    monkeypatch.setattr(adaptive, "startup_for", startup_for)
+    fresh = dataclasses.replace(controller, startup=SimpleNamespace(weights=None), on_slopes={})
+    assert fresh.startup_on(np.radians(0.5)) is fresh.startup
+    assert {fresh.startup_on(np.radians(degrees)).volts for degrees in (0.9, 1.2, 1.0)} == {0.5}
+    assert made == pytest.approx([1.0])
+    monkeypatch.setattr(adaptive, "law_about", lambda params: (_ for _ in ()).throw(ValueError()))
+    assert fresh.startup_on(np.radians(2.2)) is fresh.startup
 
 
 def test_a_machine_that_is_found_far_from_the_table_walks_by_the_nominal_law_at_first(
