@@ -20,7 +20,7 @@ from agents.comparison import study as shared
 from agents.comparison.compare import compare, complete, longest_chains_first
 from agents.comparison.methods import methods
 from agents.comparison.study import Setting, Study
-from agents.evaluate import Protocol, evaluate
+from agents.evaluate import Protocol, evaluate, evaluate_commanded
 from agents.training import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -131,11 +131,15 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
     def briefly(policy: Any, params: Any, protocol: Protocol, **more: Any) -> Any:
         return evaluate(policy, params, brief, **more)
 
+    def commanded(*arguments: Any, **more: Any) -> Any:
+        return evaluate_commanded(*arguments, protocol=brief, **more)
+
     def refuse(*arguments: Any) -> Any:
         raise ValueError("its table takes minutes")
 
     monkeypatch.setattr(listed.AdaptiveController, "about", refuse)
     monkeypatch.setattr(shared, "evaluate", briefly)
+    monkeypatch.setattr(listed, "evaluate_commanded", commanded)
     monkeypatch.setattr(listed, "train", short)
     monkeypatch.setattr(module, "save_gif", lambda *arguments: None)
     monkeypatch.setattr(module, "ANIMATED", 0.1)
