@@ -99,6 +99,9 @@ def test_a_log_is_read_as_it_was_written(log: Log, tmp_path: Path, suffix: str) 
     read = Log.load(file)
     for field in dataclasses.fields(Log):
         np.testing.assert_allclose(getattr(read, field.name), getattr(log, field.name), 1e-8, 1e-8)
+    late = dataclasses.replace(log, time=log.time + 1.7e9)  # the clock of a computer
+    late.save(file)
+    assert Log.load(file).period == pytest.approx(log.period, rel=1e-3)
     few = dataclasses.replace(log, current=None)
     few.save(file)
     assert Log.load(file).current is None
@@ -123,6 +126,10 @@ def test_useless_logs_are_refused_with_the_number_that_shows_it(log: Log, tmp_pa
     ):
         with pytest.raises(LogError, match=number):
             identify(bad, BUILDABLE, free=["leg_length", "hub_friction"])
+    with pytest.raises(ValueError, match="pendulum_lenght is not free"):
+        identify(log, BUILDABLE, tolerance={"pendulum_lenght": 0.01})
+    with pytest.raises(ValueError, match=r"shape \(2, 2\); must be \(1, 1\)"):
+        identify(log, BUILDABLE, ["leg_length"], covariance=np.eye(2))
     jump = log.time + 0.5 * (np.arange(len(log)) > 60)
     with pytest.raises(LogError, match=r"0.51 s pass from sample 60"):
         dataclasses.replace(log, time=jump)
