@@ -108,11 +108,6 @@ def require_usual(algo: str, conditions: Conditions) -> None:
             f"algo = {algo!r}: walks on the nominal machine without disturbances; leave out "
             "ranges and disturbances, or choose another learner"
         )
-    require_usual_control(algo, conditions)
-
-
-def require_usual_control(algo: str, conditions: Conditions) -> None:
-    """Refuse commanded speeds, and actions that are held for another time."""
     if conditions.control != USUAL:
         raise ValueError(
             f"algo = {algo!r}: holds a voltage for {USUAL.period:g} s, and no speed is "

@@ -3,8 +3,9 @@
 A feedback law holds one gait. A gain schedule has one law for every speed at which a step lasts a
 whole number of control intervals. Near one of its gaits, of the laws whose gaits are within reach
 the one nearest to the commanded speed acts, so that a change of command is followed step by step: a
-law that is far from its gait may lose the foot, or slip. Elsewhere the law nearest to the command
-acts. A network that imitates the schedule fills in the speeds between its laws.
+law that is far from its gait may lose the foot, or slip. Elsewhere the fastest law acts, whatever
+the command: so there is one start-up to imitate, not one for each law. A network that imitates the
+schedule fills in the speeds between its laws.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from agents.conditions import Conditions
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
 from agents.rollout import Policy, Running, controller_policy, seeing_policy
-from rimless_gym.envs.layout import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
+from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
@@ -174,7 +175,7 @@ class GainSchedule:
 
     def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
         """Actions (N,) for states (N, STATE_SIZE) and observations (N, 8)."""
-        commands = MIDDLE_SPEED + SPEED_SCALE * observations[:, OBSERVATION_SIZE].astype(np.float64)
+        commands = commanded_speeds(observations)
         wanted = np.abs(commands[:, None] - self.speeds).argmin(axis=1)
         acting = self._towards(wanted, states)
         actions = np.empty(len(states))
@@ -191,7 +192,7 @@ class GainSchedule:
         left = np.abs(np.arange(len(self.laws)) - wanted[:, None]).astype(np.float64)
         left[away > REACH**2] = np.inf
         towards = np.where(np.isfinite(left.min(axis=1)), left.argmin(axis=1), away.argmin(axis=1))
-        return np.where(walking, towards, wanted)
+        return np.where(walking, towards, len(self.laws) - 1)
 
 
 def gain_schedule(
@@ -211,7 +212,10 @@ def gain_schedule(
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     period, params = conditions.control.period, conditions.params
-    speeds = held_speeds(params, *conditions.control.speeds, period)
+    slowest, fastest = conditions.control.speeds
+    # a law that is faster than every command would act only to start up
+    held = held_speeds(params, slowest, fastest, period)
+    speeds = [speed for speed in held if speed <= fastest] or held
     front = cot_front(params, speeds, [EXPERT_STEPS], hold=period, folder=cache, progress=progress)
     scheduled = []
     for gait in progress_bar("laws", progress, iterable=front.envelope, unit="law", leave=False):

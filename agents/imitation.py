@@ -45,6 +45,7 @@ class Cloning:
         seconds: length of each walk (s).
         starts: random starts that the clone walks from in each later round.
         labels: states of these walks that the expert labels, per round.
+        lost_labels: further ones, of those walks among them in which the wheel falls.
         gait_starts: starts of the clone among the states of the second half of the expert's walks:
             the cost of transport is decided near the gait.
         gait_labels: states of these walks that the expert labels, per round.
@@ -66,6 +67,7 @@ class Cloning:
     seconds: float = 6.0
     starts: int = 256
     labels: int = 60_000
+    lost_labels: int = 0
     gait_starts: int = 64
     gait_labels: int = 24_000
     gradient_steps: int = 1500
@@ -79,7 +81,7 @@ class Cloning:
         integer("expert_starts", self.expert_starts, 2)  # one to learn from, one held out
         for name in ("rounds", "starts", "gait_starts", "batch_size"):
             integer(name, getattr(self, name), 1)
-        for name in ("labels", "gait_labels", "gradient_steps"):
+        for name in ("labels", "lost_labels", "gait_labels", "gradient_steps"):
             integer(name, getattr(self, name), 0)
         for name in ("seconds", "learning_rate", "huber"):
             positive(name, getattr(self, name))
@@ -206,7 +208,7 @@ class Teaching:
 
     def later_round(
         self, k: int, first: LabelledWalks, act: Act, rng: np.random.Generator
-    ) -> tuple[LabelledWalks, LabelledWalks]:
+    ) -> list[LabelledWalks]:
         """States of the clone's walks with the expert's actions: from anywhere, and near the gait.
 
         Those near the gait begin in the second half of the walks of the `first` round.
@@ -215,10 +217,16 @@ class Teaching:
         gait = first.states[first.when >= self._n_intervals // 2]
         anywhere = draw_starts(self.conditions.params, config.starts, (self.seed, 2, k))
         near = gait[rng.integers(len(gait), size=config.gait_starts)]
-        return (
-            self._labelled(clone, anywhere, (self.seed, 3, k), config.labels, rng),
-            self._labelled(clone, near, (self.seed, 4, k), config.gait_labels, rng),
-        )
+        ordinary = self._walks(clone, anywhere, (self.seed, 3, k))
+        labelled = [
+            self._labelled(ordinary, config.labels, rng),
+            self._labelled(self._walks(clone, near, (self.seed, 4, k)), config.gait_labels, rng),
+        ]
+        if config.lost_labels:
+            fallen = np.bincount(ordinary.which, minlength=config.starts) < self._n_intervals
+            lost = ordinary.take(np.flatnonzero(fallen[ordinary.which]))
+            labelled.append(self._labelled(lost, config.lost_labels, rng))
+        return labelled
 
     @property
     def _n_intervals(self) -> int:
@@ -228,15 +236,8 @@ class Teaching:
         number = int(np.random.SeedSequence(seed).generate_state(1)[0])
         return walk(self.conditions, policy, starts, self._n_intervals, number)
 
-    def _labelled(
-        self,
-        policy: Policy,
-        starts: Floats,
-        seed: tuple[int, ...],
-        count: int,
-        rng: np.random.Generator,
-    ) -> LabelledWalks:
-        seen = self._walks(policy, starts, seed)
+    def _labelled(self, seen: LabelledWalks, count: int, rng: np.random.Generator) -> LabelledWalks:
+        """Some of the intervals, with the expert's actions."""
         some = seen.take(rng.permutation(len(seen.when))[:count])
         expert = begun(self.expert, some.machines, lambda: some.which)
         return some._replace(actions=expert(some.states, some.observations))

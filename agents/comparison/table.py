@@ -49,6 +49,7 @@ at the end."""
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
 SAC_PRIOR = "SAC with the law as prior, distilled, then CMA-ES"
 EVOLVED = "evolution distilled into a network, then CMA-ES"
+FRONT_TUNED = "imitation of a gain schedule, then CMA-ES"
 ADAPTIVE = "adaptive controller (8 starts)"
 
 #: Columns of the headline, after the name of a policy.
@@ -67,7 +68,7 @@ HEADLINE = {
     ADAPTIVE: "controller that identifies its machine (`adaptive`, 8 starts)",
     "imitation": "network cloned from the law (`imitation`)",
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
-    FRONT_POLICY: "one network for commands of 0.51 to 0.62 m/s (`front`)",
+    FRONT_POLICY: "one network for commands of 0.5 to 0.63 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
     EVOLVED: "evolution; a network cloned from it; then CMA-ES (`evolved`)",
     PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",

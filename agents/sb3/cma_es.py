@@ -7,7 +7,9 @@ policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXi
 the last layer varies, in the directions in which the actions of the policy's walks change most.
 What is minimised is the cost of transport of walks from the gait, whatever their speed; falls, from
 ordinary starts too, count by `agents.reward_weight.economy`. Where machines and disturbances are
-drawn, all policies of a generation walk with the same ones, each start with its own.
+drawn, all policies of a generation walk with the same ones, each start with its own. Where speeds
+are commanded, each start has its own command for the whole walk, and the cost is the geometric mean
+over commands.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
 from agents.sb3.learner import FineTuner
 from rimless_gym.checks import extra
+from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.hybrid import OK
 from rimless_gym.kernel.stepping import FOOT
 from trajopt.feedback.law import Floats
@@ -52,6 +55,12 @@ SPREAD = 0.0006
 #: ordinary ones, new in each.
 GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 8, 16, 32, 20
 
+#: Starts on the gait where speeds are commanded: one in each of as many equal parts of the range.
+COMMANDED_STARTS = 48
+
+#: A walk that is off its commanded speed by this share counts as twice as expensive.
+OFF_COMMAND = 0.02
+
 #: Exponent of the share of starts in the score. By the reward of an episode, a fall in a hundred
 #: costs an efficient gait about as much as 12 % of its energy. With 30 the cost comes down as far,
 #: and fewer starts are lost.
@@ -67,8 +76,9 @@ SHOWN_STARTS, SHOWN, OBSERVED = 512, 6.0, 40_000
 #: Within so long at their end (s), a wheel that walks stands on several feet.
 STANDING = 2.0
 
-#: Of what is random: the walks that are shown, the search, and the walks that are scored.
-_SHOWN, _SEARCH, _SCORED = 2, 3, 4
+#: Of what is random: the walks that are shown, the search, the walks that are scored, and the
+#: commands of those from ordinary starts.
+_SHOWN, _SEARCH, _SCORED, _COMMANDS = 2, 3, 4, 5
 
 
 class DoesNotWalkError(ValueError):
@@ -155,6 +165,7 @@ class LastLayer:
 
     def __init__(self, training: Training, model: Any) -> None:
         self._conditions, self._seed = training.conditions, training.seed
+        self._on_gait = COMMANDED_STARTS if self._conditions.commanded else GAIT_STARTS
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
         self._generation, period = 0, self._conditions.control.period
@@ -212,16 +223,24 @@ class LastLayer:
         stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
         fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
         lost = fallen | (stood_on < 2)
-        hard, usual = np.flatnonzero(lost)[:HARD_STARTS], GAIT_STARTS + ORDINARY_STARTS
-        starts = shown.states[shown.when == 0][hard]
-        some = gait.take(self._rng.integers(len(gait.when), size=GAIT_STARTS))
-        self._starts = np.concatenate([some.states, starts])
+        hard, usual = np.flatnonzero(lost)[:HARD_STARTS], self._on_gait + ORDINARY_STARTS
+        first, some = shown.take(np.flatnonzero(shown.when == 0)[hard]), self._some(gait)
+        self._starts = np.concatenate([some.states, first.states])
         self._seeds = self._first(_SHOWN) + np.concatenate([some.which, hard])
+        self._seen = np.concatenate([some.observations, first.observations])
         shares = np.full(usual + len(hard), 1.0 / usual)
-        shares[GAIT_STARTS : GAIT_STARTS + len(hard)] = lost.mean() / max(1, len(hard))
+        shares[self._on_gait : self._on_gait + len(hard)] = lost.mean() / max(1, len(hard))
         self._shares = shares / shares.sum()
         self.intervals = POPULATION * len(shares) * self._lasting
         return True
+
+    def _some(self, gait: LabelledWalks) -> LabelledWalks:
+        """Starts on the gait; one in each of equal parts of the commands, if there are any."""
+        if not self._conditions.commanded:
+            return gait.take(self._rng.integers(len(gait.when), size=self._on_gait))
+        by_command = np.argsort(commanded_speeds(gait.observations), kind="stable")
+        parts = np.array_split(by_command, self._on_gait)
+        return gait.take(np.array([self._rng.choice(part) for part in parts]))
 
     def _features(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """The hidden features and a one, (N, H + 1)."""
@@ -259,12 +278,13 @@ class LastLayer:
         whose = np.repeat(np.arange(POPULATION), len(self._shares))
         others = self._first(_SCORED) + np.arange(ORDINARY_STARTS)
         seeds = np.tile(np.append(self._seeds, others), POPULATION).tolist()
+        commands = self._commands()
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
             own = layers[whose[rollout.running]]
             return np.asarray(np.einsum("nh,nh->n", self._features(observations), own))
 
-        rollout = Rollout(self._conditions, policy, starts, self._lasting, seeds)
+        rollout = Rollout(self._conditions, policy, starts, self._lasting, seeds, command=commands)
         window, fallen = WindowTotals(rollout.machines), np.zeros(len(starts), dtype=bool)
         steps = np.zeros(len(starts))
         for k, interval in enumerate(rollout):
@@ -273,9 +293,44 @@ class LastLayer:
                 window.add(interval)
                 steps[interval.running] += interval.info["steps"]
         walking = np.array([each == WALKS for each in outcomes(fallen, steps > 0, window)])
-        steady = walking & (np.arange(len(starts)) % len(self._shares) < GAIT_STARTS)
+        steady = walking & (np.arange(len(starts)) % len(self._shares) < self._on_gait)
         any_steady = steady.reshape(POPULATION, -1).any(axis=1)
         shares = (any_steady * (walking.reshape(POPULATION, -1) @ self._shares)).tolist()
-        walks = [window.total(steady & (whose == k), params)[1] for k in range(POPULATION)]
-        cots = [each.cost_of_transport(params) for each in walks]
+        own = [steady & (whose == k) for k in range(POPULATION)]
+        if commands is None:
+            cots = [window.total(some, params)[1].cost_of_transport(params) for some in own]
+        else:
+            costs = costs_at(commands, window, steady)
+            cots = [geometric_mean(costs[some]) for some in own]
         return np.array([economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)])
+
+    def _commands(self) -> Floats | None:
+        """The speeds (m/s) that this generation's walks are commanded, of all its policies."""
+        if self._conditions.control.speeds is None:
+            return None
+        rng = np.random.default_rng((self._seed, _COMMANDS, self._generation))
+        ordinary = rng.uniform(*self._conditions.control.speeds, size=ORDINARY_STARTS)
+        return np.tile(np.append(commanded_speeds(self._seen), ordinary), POPULATION)
+
+
+def costs_at(commands: Floats, window: WindowTotals, some: NDArray[np.bool_]) -> Floats:
+    """Costs of transport of some walks, more where a speed is not the one commanded.
+
+    Args:
+        commands: speeds (m/s), (N,).
+        window: the walks, N of them.
+        some: of the walks, (N,).
+
+    Returns:
+        (N,); NaN for the others.
+    """
+    costs, walks = np.full(len(commands), np.nan), window.ledgers()
+    for i in np.flatnonzero(some).tolist():
+        off = walks[i].distance / walks[i].time / commands[i] - 1.0
+        costs[i] = walks[i].cost_of_transport(window.machines[i]) * (1.0 + (off / OFF_COMMAND) ** 2)
+    return costs
+
+
+def geometric_mean(costs: Floats) -> float:
+    """Of costs (N,); infinite without any."""
+    return float(np.exp(np.log(costs).mean())) if len(costs) else np.inf

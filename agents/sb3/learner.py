@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from agents import learner
-from agents.conditions import Conditions, require_usual_control
+from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching, clone
 from agents.learner import (
     NO_CHANGES,
@@ -338,7 +338,7 @@ class Ppo(Sb3Learner):
 
 
 class FineTuner(Ppo):
-    """Goes on from a policy of PPO's that walks, with usual control and without a prior.
+    """Goes on from a policy of PPO's that walks, without a prior.
 
     Attributes:
         name: of the learner.
@@ -348,10 +348,6 @@ class FineTuner(Ppo):
     takes_prior = False
     name: ClassVar[str]
     timesteps: ClassVar[int]
-
-    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
-        require_usual_control(self.name, training.conditions)
-        super().__init__(training, start)
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:

@@ -161,6 +161,13 @@ COMMANDED_BOUND = np.append(
     OBSERVATION_BOUND, np.array([(MOST_SPEED - MIDDLE_SPEED) / SPEED_SCALE, 1], dtype=np.float32)
 )
 
+
+def commanded_speeds(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The commanded speeds (m/s) in observations (..., 8)."""
+    observed = observations[..., OBSERVATION_SIZE].astype(np.float64)
+    return np.asarray(MIDDLE_SPEED + SPEED_SCALE * observed)
+
+
 #: Sensor errors of phi, theta, phi', theta' without noise.
 NO_ERRORS = (0.0, 0.0, 0.0, 0.0)
 

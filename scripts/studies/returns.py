@@ -20,7 +20,7 @@ from agents.gaps import reward_rate, ticks_around
 from agents.policy_files import BASELINES, PRETRAINED, named_policy
 from agents.rollout import Policy, episodes
 from rimless_gym import BUILDABLE
-from rimless_gym.envs.layout import MIDDLE_SPEED, SPEED_SCALE
+from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.envs.speed import SPEEDS, TASK
 from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -130,7 +130,7 @@ def commands(speeds: tuple[float, float], count: int) -> Array:
     """The speeds (m/s) that default episodes command which draw them between two, (count,)."""
     envs = Conditions.of(BUILDABLE, None, None, speeds).envs(count)
     observations, _ = envs.reset(seed=0)
-    return MIDDLE_SPEED + SPEED_SCALE * np.asarray(observations[:, 6], dtype=float)
+    return commanded_speeds(observations)
 
 
 def best_gait() -> Solution:

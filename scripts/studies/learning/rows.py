@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from agents.comparison.table import EVOLVED, PPO_PRIOR, SAC_PRIOR
+from collections.abc import Mapping
+from typing import Any
+
+from agents.comparison.table import EVOLVED, FRONT_TUNED, PPO_PRIOR, SAC_PRIOR
 from agents.evaluate import COMMANDS
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH
 from agents.prior import LAW
@@ -21,6 +24,14 @@ LAST_ONLY, BEST_ONLY = {"": LAST}, {"": BEST}
 
 #: Time steps of CMA-ES from a policy that costs twice the optimum.
 LONG = 200_000_000
+
+#: Of the policies for the front: between which speeds one is commanded in training, and those that
+#: are commanded in the evaluation.
+COMMANDED: Mapping[str, Any] = {
+    "speeds": (0.5, 0.63),
+    "commands": (0.51, 0.52, 0.54, 0.56, 0.58, 0.6, 0.62, 0.63),
+    "changes": (0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
+}
 
 #: Rows whose policies others need.
 IMITATED = StudyRow(
@@ -52,6 +63,25 @@ SAC_DISTILLED = StudyRow(
     "SAC with the law as prior, distilled",
     LEARNED,
     Trained("ppo", IMITATION, 0, CLONED, expert=Other(SAC_WITH_PRIOR, LAST)),
+)
+SCHEDULE = StudyRow(
+    "front",
+    "imitation of a gain schedule",
+    FRONT,
+    Following(
+        "ppo",
+        IMITATION,
+        0,
+        CLONED,
+        cloning={
+            "starts": 1024,
+            "lost_labels": 60_000,
+            "gait_starts": 256,
+            "gait_labels": 80_000,
+            "gradient_steps": 9000,
+        },
+        **COMMANDED,
+    ),
 )
 
 ROWS = (
@@ -93,20 +123,12 @@ ROWS = (
         LEARNED,
         Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(DISTILLED, CLONE)),
     ),
+    SCHEDULE,
     StudyRow(
-        "front",
-        "imitation of a gain schedule",
+        "front_cma_es",
+        FRONT_TUNED,
         FRONT,
-        Following(
-            "ppo",
-            IMITATION,
-            0,
-            CLONED,
-            speeds=(0.51, 0.62),
-            commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
-            changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
-            cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 4500},
-        ),
+        Following("cma_es", IMITATION, None, LAST_ONLY, start=Other(SCHEDULE, CLONE), **COMMANDED),
     ),
     StudyRow(
         "first_evening",

@@ -138,21 +138,20 @@ class Trained:
         try:
             trained = train(config, folder, cache=cache, progress=False)
         except DoesNotWalkError:
-            first = evaluate(load_policy(start, BUILDABLE).policy, BUILDABLE, by)
-            return SeedResult(dict.fromkeys(self.files, WalkFigures.of(first)), 0, 0.0)
-        return SeedResult(self.evaluate(folder, by), trained.timesteps, trained.curve[-1].minutes)
+            return SeedResult(self.evaluate(dict.fromkeys(self.files, Path(start)), by), 0, 0.0)
+        files = {name: folder / file for name, file in self.files.items()}
+        minutes = trained.curve[-1].minutes
+        return SeedResult(self.evaluate(files, by), trained.timesteps, minutes)
 
     def _environment(self) -> dict[str, Any]:
         """Arguments of the training that choose the environment."""
         return {}
 
-    def evaluate(self, folder: Path, by: Protocol) -> Policies:
+    def evaluate(self, files: Mapping[str, Path], by: Protocol) -> Policies:
         """Every policy by the protocol."""
         return {
-            name: WalkFigures.of(
-                evaluate(load_policy(folder / file, BUILDABLE).policy, BUILDABLE, by)
-            )
-            for name, file in self.files.items()
+            name: WalkFigures.of(evaluate(load_policy(file, BUILDABLE).policy, BUILDABLE, by))
+            for name, file in files.items()
         }
 
 
@@ -167,10 +166,10 @@ class Following(Trained):
     def _environment(self) -> dict[str, Any]:
         return {"speeds": self.speeds, "control_period": self.period}
 
-    def evaluate(self, folder: Path, by: Protocol) -> Policies:
+    def evaluate(self, files: Mapping[str, Path], by: Protocol) -> Policies:
         """The policy at every command."""
-        (file,) = self.files.values()
-        policy, period = load_policy(folder / file, BUILDABLE).policy, self.period
+        (file,) = files.values()
+        policy, period = load_policy(file, BUILDABLE).policy, self.period
         walks = evaluate_commanded(policy, self.commands, BUILDABLE, by, control_period=period)
         each = zip(self.commands, walks, strict=True)
         policies = {f"{command:g} m/s": WalkFigures.of(evaluation) for command, evaluation in each}
