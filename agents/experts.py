@@ -201,7 +201,7 @@ def gain_schedule(
     cache: Path | None = None,
     progress: bool = True,
 ) -> GainSchedule:
-    """Feedback laws about the most efficient held gaits of all speeds that may be commanded.
+    """Feedback laws about the most efficient held gaits of the speeds that may be commanded.
 
     Other schedules use the folder `cache` of gaits and plans too.
 
@@ -213,7 +213,7 @@ def gain_schedule(
         cache.mkdir(parents=True, exist_ok=True)
     period, params = conditions.control.period, conditions.params
     slowest, fastest = conditions.control.speeds
-    # a law that is faster than every command would act only to start up
+    # the fastest law also starts up: none is faster than all commands
     held = held_speeds(params, slowest, fastest, period)
     speeds = [speed for speed in held if speed <= fastest] or held
     front = cot_front(params, speeds, [EXPERT_STEPS], hold=period, folder=cache, progress=progress)

@@ -45,7 +45,7 @@ class Cloning:
         seconds: length of each walk (s).
         starts: random starts that the clone walks from in each later round.
         labels: states of these walks that the expert labels, per round.
-        lost_labels: further ones, of those walks among them in which the wheel falls.
+        lost_labels: at most so many more, of those walks in which the wheel falls.
         gait_starts: starts of the clone among the states of the second half of the expert's walks:
             the cost of transport is decided near the gait.
         gait_labels: states of these walks that the expert labels, per round.
@@ -168,15 +168,21 @@ class LabelledWalks(NamedTuple):
 
 
 def walk(
-    conditions: Conditions, policy: Policy, starts: Floats, n_intervals: int, seed: int = 0
+    conditions: Conditions,
+    policy: Policy,
+    starts: Floats,
+    n_intervals: int,
+    seed: int = 0,
+    command_lasts: float = COMMAND_LASTS,
 ) -> LabelledWalks:
     """States and actions of a policy from `starts` (N, STATE_SIZE); see `Rollout`.
 
-    Where a speed is commanded, it changes now and then: so a clone meets all changes of command.
+    Where a speed is commanded, it changes whenever it has lasted for `command_lasts` (s): so a
+    clone meets all changes of command.
     """
     rollout = Rollout(conditions, policy, starts, n_intervals, seed)
     intervals, rng = [], np.random.default_rng((seed, 5))
-    lasting = round(COMMAND_LASTS / conditions.control.period)
+    lasting = round(command_lasts / conditions.control.period)
     for k, interval in enumerate(rollout, start=1):
         intervals.append(interval)
         if conditions.control.speeds is not None and k % lasting == 0:

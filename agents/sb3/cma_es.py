@@ -5,11 +5,11 @@ back. Noise of a hundredth of the voltage limit costs a clone a tenth of its ene
 that is best under noise is not the one that is best without. So the weights vary here, and every
 policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
 the last layer varies, in the directions in which the actions of the policy's walks change most.
-What is minimised is the cost of transport of walks from the gait, whatever their speed; falls, from
-ordinary starts too, count by `agents.reward_weight.economy`. Where machines and disturbances are
-drawn, all policies of a generation walk with the same ones, each start with its own. Where speeds
-are commanded, each start has its own command for the whole walk, and the cost is the geometric mean
-over commands.
+What is minimised is the cost of transport of walks from the gait, whatever their speed unless one
+is commanded; falls, from ordinary starts too, count by `agents.reward_weight.economy`. Where
+machines and disturbances are drawn, all policies of a generation walk with the same ones, each
+start with its own. Where speeds are commanded, each start has its own command for the whole walk, a
+walk costs more if its speed is another, and the cost is the geometric mean over commands.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ SPREAD = 0.0006
 #: ordinary ones, new in each.
 GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 8, 16, 32, 20
 
-#: Starts on the gait where speeds are commanded: one in each of as many equal parts of the range.
+#: Starts on the gait where speeds are commanded: one in each of as many equal parts of the states
+#: that are shown, sorted by command.
 COMMANDED_STARTS = 48
 
 #: A walk that is off its commanded speed by this share counts as twice as expensive.
@@ -165,7 +166,7 @@ class LastLayer:
 
     def __init__(self, training: Training, model: Any) -> None:
         self._conditions, self._seed = training.conditions, training.seed
-        self._on_gait = COMMANDED_STARTS if self._conditions.commanded else GAIT_STARTS
+        self._n_gait_starts = COMMANDED_STARTS if self._conditions.commanded else GAIT_STARTS
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
         self._generation, period = 0, self._conditions.control.period
@@ -202,7 +203,7 @@ class LastLayer:
         policy = learned_policy(lambda seen: self._features(seen) @ layer)
         starts = draw_starts(params, SHOWN_STARTS, (self._seed, _SHOWN, self._generation))
         first = self._first(_SHOWN)
-        return walk(self._conditions, policy, starts, round(SHOWN / period), first)
+        return walk(self._conditions, policy, starts, round(SHOWN / period), first, SHOWN)
 
     def _first(self, kind: int) -> int:
         """The seed of this generation's first walk, of the kind `_SHOWN` or `_SCORED`.
@@ -216,30 +217,32 @@ class LastLayer:
         """Choose starts on the gait that is shown, and hard ones; False: nothing walks."""
         period = self._conditions.control.period
         gait = shown.take(np.flatnonzero(shown.when >= round(SHOWN / 2 / period)))
-        if not len(gait.when):
+        if len(gait.when) < self._n_gait_starts:
             return False
         late = shown.when >= round((SHOWN - STANDING) / period)
         feet = np.stack([shown.which, shown.states[:, FOOT].astype(np.int64)], axis=1)[late]
         stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
         fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
         lost = fallen | (stood_on < 2)
-        hard, usual = np.flatnonzero(lost)[:HARD_STARTS], self._on_gait + ORDINARY_STARTS
-        first, some = shown.take(np.flatnonzero(shown.when == 0)[hard]), self._some(gait)
+        hard, usual = np.flatnonzero(lost)[:HARD_STARTS], self._n_gait_starts + ORDINARY_STARTS
+        first, some = shown.take(np.flatnonzero(shown.when == 0)[hard]), self._gait_starts(gait)
         self._starts = np.concatenate([some.states, first.states])
         self._seeds = self._first(_SHOWN) + np.concatenate([some.which, hard])
-        self._seen = np.concatenate([some.observations, first.observations])
+        self._observations = np.concatenate([some.observations, first.observations])
         shares = np.full(usual + len(hard), 1.0 / usual)
-        shares[self._on_gait : self._on_gait + len(hard)] = lost.mean() / max(1, len(hard))
+        shares[self._n_gait_starts : self._n_gait_starts + len(hard)] = lost.mean() / max(
+            1, len(hard)
+        )
         self._shares = shares / shares.sum()
         self.intervals = POPULATION * len(shares) * self._lasting
         return True
 
-    def _some(self, gait: LabelledWalks) -> LabelledWalks:
+    def _gait_starts(self, gait: LabelledWalks) -> LabelledWalks:
         """Starts on the gait; one in each of equal parts of the commands, if there are any."""
         if not self._conditions.commanded:
-            return gait.take(self._rng.integers(len(gait.when), size=self._on_gait))
+            return gait.take(self._rng.integers(len(gait.when), size=self._n_gait_starts))
         by_command = np.argsort(commanded_speeds(gait.observations), kind="stable")
-        parts = np.array_split(by_command, self._on_gait)
+        parts = np.array_split(by_command, self._n_gait_starts)
         return gait.take(np.array([self._rng.choice(part) for part in parts]))
 
     def _features(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -293,16 +296,17 @@ class LastLayer:
                 window.add(interval)
                 steps[interval.running] += interval.info["steps"]
         walking = np.array([each == WALKS for each in outcomes(fallen, steps > 0, window)])
-        steady = walking & (np.arange(len(starts)) % len(self._shares) < self._on_gait)
+        steady = walking & (np.arange(len(starts)) % len(self._shares) < self._n_gait_starts)
         any_steady = steady.reshape(POPULATION, -1).any(axis=1)
         shares = (any_steady * (walking.reshape(POPULATION, -1) @ self._shares)).tolist()
         own = [steady & (whose == k) for k in range(POPULATION)]
         if commands is None:
             cots = [window.total(some, params)[1].cost_of_transport(params) for some in own]
         else:
-            costs = costs_at(commands, window, steady)
+            costs = penalised_costs(commands, window, steady)
             cots = [geometric_mean(costs[some]) for some in own]
-        return np.array([economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)])
+        scores = [economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)]
+        return np.nan_to_num(scores)  # NaN: the hub went nowhere
 
     def _commands(self) -> Floats | None:
         """The speeds (m/s) that this generation's walks are commanded, of all its policies."""
@@ -310,10 +314,10 @@ class LastLayer:
             return None
         rng = np.random.default_rng((self._seed, _COMMANDS, self._generation))
         ordinary = rng.uniform(*self._conditions.control.speeds, size=ORDINARY_STARTS)
-        return np.tile(np.append(commanded_speeds(self._seen), ordinary), POPULATION)
+        return np.tile(np.append(commanded_speeds(self._observations), ordinary), POPULATION)
 
 
-def costs_at(commands: Floats, window: WindowTotals, some: NDArray[np.bool_]) -> Floats:
+def penalised_costs(commands: Floats, window: WindowTotals, some: NDArray[np.bool_]) -> Floats:
     """Costs of transport of some walks, more where a speed is not the one commanded.
 
     Args:

@@ -29,6 +29,8 @@ from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.gait_table import law_about
+from trajopt.feedback.law import Law
+from trajopt.feedback.laws import tuned
 from trajopt.gaits.fronts import shipped_front
 from trajopt.identification.fit import PHYSICAL
 from trajopt.pool import run
@@ -40,14 +42,15 @@ MARKS = markdown.marks("robustness", ("machines",))
 TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
-#: the gains from which the adaptive controller starts, and without a clock; the clone imitates
-#: the laws of drawn machines about their own gaits; `tolerant` is the clone, fine-tuned.
+#: the gains from which the adaptive controller starts, and without a clock; the tuned one begins
+#: with these gains. The clone imitates the laws of drawn machines about their own gaits; `tolerant`
+#: is the clone, fine-tuned.
 CANDIDATES: dict[str, int | None] = {
     **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
     **{
         f"{law} 46": 46
         for law in (
-            *("adaptive", "lqr", "gentle", "clone", "tolerant"),
+            *("adaptive", "lqr", "gentle", "tuned", "clone", "tolerant"),
             *("input_output", "pid", "sliding_mode"),
         )
     },
@@ -234,7 +237,14 @@ def policy_of(candidate: str, folder: Path) -> Policy:
             clone = cloned(AdaptiveController.about(gait, folder), folder)
             shutil.copy(clone if law == "clone" else fine_tuned(clone, folder), file)
         return load_policy(file).policy
-    held = law_about(gait, ahead=None) if law == "gentle" else law
+    held: Law | str = law
+    if law == "gentle":
+        held = law_about(gait, ahead=None)
+    elif law == "tuned":
+        store, name = Store(folder), f"tuned_{ticks}"
+        if name not in store:
+            store.save(name, tuned.tune(gait))
+        held = tuned.law_with(gait, store.load(name))
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 

@@ -100,7 +100,7 @@ def test_another_machine_and_commanded_speeds_are_recovered(
     assert dataset.recover_environment().unwrapped.params == PROTOTYPE
     write(tmp_path, "front", DatasetConfig(None, 1, 0, 0.56))
     dataset = minari.load_dataset(dataset_id("front"))
-    assert dataset.recover_environment().unwrapped.control.speeds == (0.51, 0.62)
+    assert dataset.recover_environment().unwrapped.control.speeds == (0.5, 0.63)
     assert (
         dataset.storage.metadata["description"]
         == (tmp_path / dataset.spec.dataset_id / CARD).read_text()

@@ -137,6 +137,30 @@ class OfPendulum(OwnLaws):
         return lambda x, modes: np.full(len(x), machine.pendulum_length)
 
 
+def test_walks_that_fall_get_further_labels_where_wanted():
+    conditions = Conditions.of(BUILDABLE, None, None)
+    still = learned_policy(lambda observations: np.zeros(len(observations)))
+    wanted = dataclasses.replace(QUICK, seconds=2.0, lost_labels=150)
+    teaching = Teaching(still, conditions, wanted, 0)
+    first = teaching.first_round()
+
+    def later(config):
+        taught = dataclasses.replace(teaching, config=config)
+        return taught.later_round(1, first, topple, np.random.default_rng(0))
+
+    def topple(seen):
+        return np.sign(seen[:, 1] + 0.3)
+
+    *without, lost = later(wanted)
+    for one, other in zip(without, later(dataclasses.replace(wanted, lost_labels=0)), strict=True):
+        np.testing.assert_array_equal(one.states, other.states)
+    assert len(lost.when) == 150
+    seen = walk(conditions, learned_policy(topple), draw_starts(BUILDABLE, 10, (0, 2, 1)), 200)
+    lasting = np.flatnonzero(np.bincount(seen.which, minlength=10) == 200)
+    assert 0 < len(lasting) < 10
+    assert not np.isin(lost.which, lasting).any()
+
+
 def test_each_walk_is_labelled_by_its_own_machine() -> None:
     drawn = Conditions.of(BUILDABLE, {"pendulum_length": (0.13, 0.15)}, None)
     teaching = Teaching(OfPendulum(None), drawn, SHORT, 0)

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.checks import real_array, require_kind
+from rimless_gym.checks import positive, real_array, require_kind
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.jit import cached
 from rimless_gym.params import WheelParams
@@ -44,18 +44,23 @@ class Law:
             the gait's `trajopt.feedback.orbit.Orbit`.
         smooth: whether the voltage has a derivative by the state on the gait; the best of several
             candidates has none.
+        reach: by which factor the distance from its gait up to which it acts is that of other laws
+            (`trajopt.feedback.startup.near_for`); > 0.
 
     Raises:
         TypeError: `volts` is not compiled, or `data` has no orbit.
+        ValueError: `reach` is not positive.
     """
 
     params: WheelParams
     volts: Callable[[Any, Any, Any], Any]
     data: Any
     smooth: bool = True
+    reach: float = 1.0
 
     def __post_init__(self) -> None:
         require_kind("params", self.params, WheelParams)
+        positive("reach", self.reach)
         if not hasattr(self.volts, "dispatcher"):
             raise TypeError(
                 f"volts = {reprlib.repr(self.volts)}: must be compiled; put @inner of "

@@ -1,6 +1,7 @@
 """CMA-ES on a network's last layer: it lowers the cost of a walk, and goes on after a kill."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from agents.rollout import Rollout
 from agents.sb3 import cma_es
 from tests.agents.runs import assert_same_policies, killed_after, run, weights
 
-CLONE = str(PRETRAINED["imitation"])
+CLONE, FRONT = str(PRETRAINED["imitation"]), str(PRETRAINED["front"])
 
 #: Control intervals of a generation, as `short` has them.
 GENERATION = 16 * 4 * 300
@@ -64,8 +65,8 @@ def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_it
         cma_es.LastLayer, "tell", lambda search, new: (scores.append(new), tell(search, new))
     )
 
-    def remembered(*arguments):
-        rollout = Rollout(*arguments)
+    def remembered(*arguments, **named):
+        rollout = Rollout(*arguments, **named)
         machines.append(rollout.machines[: len(rollout.machines) // cma_es.POPULATION])
         return rollout
 
@@ -94,23 +95,64 @@ def test_an_ordinary_start_that_walks_does_not_change_the_cost(tmp_path, monkeyp
     assert scores[1] == pytest.approx(scores[0], rel=1e-9)
 
 
-def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch):
-    def begin(name):
-        return run(tmp_path / name, "cma_es", init=CLONE, timesteps=3 * GENERATION)
+def test_commands_are_spread_evenly_and_are_the_same_for_all_policies(tmp_path, monkeypatch):
+    given, counted = [], []
+    monkeypatch.setattr(cma_es, "COMMANDED_STARTS", 6)
 
+    def remembered(*arguments, command):
+        given.append(command.reshape(cma_es.POPULATION, -1))
+        return Rollout(*arguments, command=command)
+
+    def cost(commands, window, some):
+        counted.append(some.reshape(cma_es.POPULATION, -1))
+        return penalised_costs(commands, window, some)
+
+    penalised_costs = cma_es.penalised_costs
+    monkeypatch.setattr(cma_es, "Rollout", remembered)
+    monkeypatch.setattr(cma_es, "penalised_costs", cost)
+    speeds = {"speeds": (0.52, 0.6), "control_period": 0.01}
+    run(tmp_path, "cma_es", init=FRONT, timesteps=1, **speeds)
+    (commands,), (some,) = given, counted
+    assert (commands == commands[0]).all()
+    assert ((commands >= 0.52 - 1e-6) & (commands <= 0.6 + 1e-6)).all()
+    assert (np.diff(commands[0, :6]) > 0.0).all()
+    assert commands[0, 5] - commands[0, 0] > 0.05
+    assert not some[:, 6:].any()  # what the start-up costs does not count
+    assert some[:, :6].mean() > 0.8
+
+
+def test_a_walk_off_its_command_by_two_percent_counts_as_twice_as_expensive():
+    walk = SimpleNamespace(distance=1.2, time=2.0, cost_of_transport=lambda machine: 0.05)
+    window = SimpleNamespace(ledgers=lambda: [walk] * 3, machines=[None] * 3)
+    commands, some = np.array([0.6, 0.6 / 1.02, 0.6]), np.array([True, True, False])
+    costs = cma_es.penalised_costs(commands, window, some)
+    assert costs == pytest.approx([0.05, 0.1, np.nan], nan_ok=True)
+    assert cma_es.geometric_mean(np.array([0.01, 0.04])) == pytest.approx(0.02)
+    assert cma_es.geometric_mean(costs[:0]) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("init", "speeds"),
+    [(CLONE, {}), (FRONT, {"speeds": (0.52, 0.6), "control_period": 0.01})],
+    ids=["plain", "commanded"],
+)
+def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch, init, speeds):
+    def begin(name):
+        return run(tmp_path / name, "cma_es", init=init, timesteps=3 * GENERATION, **speeds)
+
+    monkeypatch.setattr(cma_es, "COMMANDED_STARTS", 2)
     monkeypatch.setattr(cma_es, "RENEWED", 1)
     monkeypatch.setattr(cma_es, "ANEW", GENERATION)
     whole = begin("whole")
     killed_after(2, monkeypatch, lambda: begin("broken"))
     assert_same_policies(begin("broken"), whole)
-    assert not np.array_equal(weights(whole.last), weights(CLONE))
+    assert not np.array_equal(weights(whole.last), weights(init))
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({}, "goes on from a policy that walks; begin from 'imitation'"),
-        ({"init": "imitation", "speeds": (0.5, 0.6)}, "leave out speeds"),
         ({"init": CLONE, "hyperparameters": {"gamma": 0.9}}, "'gamma' is not known"),
         ({"init": "evolution"}, "a policy of evolution, which cannot start cma_es"),
     ],

@@ -205,7 +205,7 @@ def test_cma_es_leaves_a_policy_as_it_is_that_does_not_walk(untrained):
 def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(monkeypatch):
     trial = Following("ppo", commands=(0.52, 0.6), changes=(0.6, 0.52))
     monkeypatch.setattr(trials, "load_policy", lambda *_: load_policy("front"))
-    policies = trial.evaluate(Path(), BRIEF)
+    policies = trial.evaluate({"": Path()}, BRIEF)
     assert list(policies) == ["0.52 m/s", "0.6 m/s", "0.52 m/s after 0.6"]
 
 

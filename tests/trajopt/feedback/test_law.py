@@ -47,6 +47,8 @@ def test_a_law_from_elsewhere_gets_the_start_up_controller_and_the_guard(law, he
     monkeypatch.setattr(startup, "startup_for", lambda *args: lambda x, mode: 0 * x[:, 0])
     controller = laws.design(law, held)
     assert controller.controller.law is law
+    farther = laws.design(dataclasses.replace(law, reach=2.0), held)
+    assert farther.controller.near == 2.0 * controller.controller.near
     assert controller(held.state(0.3)) == law(held.state(0.3))
 
 

@@ -87,5 +87,5 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
     law = holding(law, solution)
     near = near_for(law)
     startup = startup_for(law, near, lost_return(solution), folder)
-    switching = SwitchingController(law, startup, near)
+    switching = SwitchingController(law, startup, law.reach * near)
     return ContactGuard(law.params, switching, margin_for(solution))
