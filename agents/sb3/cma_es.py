@@ -176,8 +176,8 @@ class LastLayer:
         shown = self._show(self.first)
         if not self._choose(shown):
             raise DoesNotWalkError(
-                f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all of "
-                f"{SHOWN_STARTS} starts; begin from a policy that walks"
+                f"init = {training.init!r}: falls within {SHOWN / 2:g} s from all or "
+                f"nearly all of {SHOWN_STARTS} starts; begin from a policy that walks"
             )
         self._begin(self.first, shown)
         self._drawn = np.array(self._strategy.ask())
@@ -225,15 +225,14 @@ class LastLayer:
         stood_on = np.bincount(np.unique(feet, axis=0)[:, 0], minlength=SHOWN_STARTS)
         fallen = np.bincount(shown.which, minlength=SHOWN_STARTS) < round(SHOWN / period)
         lost = fallen | (stood_on < 2)
-        hard, usual = np.flatnonzero(lost)[:HARD_STARTS], self._n_gait_starts + ORDINARY_STARTS
+        n, hard = self._n_gait_starts, np.flatnonzero(lost)[:HARD_STARTS]
         first, some = shown.take(np.flatnonzero(shown.when == 0)[hard]), self._gait_starts(gait)
         self._starts = np.concatenate([some.states, first.states])
         self._seeds = self._first(_SHOWN) + np.concatenate([some.which, hard])
         self._observations = np.concatenate([some.observations, first.observations])
+        usual = n + ORDINARY_STARTS
         shares = np.full(usual + len(hard), 1.0 / usual)
-        shares[self._n_gait_starts : self._n_gait_starts + len(hard)] = lost.mean() / max(
-            1, len(hard)
-        )
+        shares[n : n + len(hard)] = lost.mean() / max(1, len(hard))
         self._shares = shares / shares.sum()
         self.intervals = POPULATION * len(shares) * self._lasting
         return True
@@ -300,12 +299,12 @@ class LastLayer:
         steady = walking & (np.arange(len(starts)) % len(self._shares) < self._n_gait_starts)
         any_steady = steady.reshape(POPULATION, -1).any(axis=1)
         shares = (any_steady * (walking.reshape(POPULATION, -1) @ self._shares)).tolist()
-        own = [steady & (whose == k) for k in range(POPULATION)]
+        of_policy = [steady & (whose == k) for k in range(POPULATION)]
         if commands is None:
-            cots = [window.total(some, params)[1].cost_of_transport(params) for some in own]
+            cots = [window.total(some, params)[1].cost_of_transport(params) for some in of_policy]
         else:
             costs = penalised_costs(commands, window, steady)
-            cots = [geometric_mean(costs[some]) for some in own]
+            cots = [geometric_mean(costs[some]) for some in of_policy]
         scores = [economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)]
         return np.nan_to_num(scores)  # NaN: the hub went nowhere
 

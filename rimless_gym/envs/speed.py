@@ -67,8 +67,8 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     0.5, standing still is the optimum of every policy that has not learned yet.
 
     The front would return 48 m on average if it were walked at the commanded speed for all 20 s.
-    The registered `reward_threshold` is 45: what is left of it for a walk that costs a quarter more
-    and starts up as the policy `front` does from rest.
+    The registered `reward_threshold` is 45, about what is left of it for a walk that costs a
+    quarter more and starts up as the policy `front` does from rest.
 
     ## Starting State
     As in `RimlessWheelEnv`. The command is drawn uniformly from `speeds`. `reset(options=...)` also

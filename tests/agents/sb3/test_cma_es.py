@@ -96,7 +96,7 @@ def test_an_ordinary_start_that_walks_does_not_change_the_cost(tmp_path, monkeyp
 
 
 def test_commands_are_spread_evenly_and_are_the_same_for_all_policies(tmp_path, monkeypatch):
-    given, counted = [], []
+    given, counted, shown = [], [], []
     monkeypatch.setattr(cma_es, "COMMANDED_STARTS", 6)
 
     def remembered(*arguments, command):
@@ -107,13 +107,21 @@ def test_commands_are_spread_evenly_and_are_the_same_for_all_policies(tmp_path, 
         counted.append(some.reshape(cma_es.POPULATION, -1))
         return penalised_costs(commands, window, some)
 
-    penalised_costs = cma_es.penalised_costs
+    def walked(*arguments):
+        shown.append(walk(*arguments))
+        return shown[-1]
+
+    penalised_costs, walk = cma_es.penalised_costs, cma_es.walk
+    monkeypatch.setattr(cma_es, "walk", walked)
     monkeypatch.setattr(cma_es, "Rollout", remembered)
     monkeypatch.setattr(cma_es, "penalised_costs", cost)
     speeds = {"speeds": (0.52, 0.6), "control_period": 0.01}
     run(tmp_path, "cma_es", init=FRONT, timesteps=1, **speeds)
     (commands,), (some,) = given, counted
     assert (commands == commands[0]).all()
+    which, observed = shown[0].which, shown[0].observations[:, 6]
+    commanded = set(zip(which, observed, strict=True))
+    assert len(commanded) == len(set(which))  # the starts are on the gait of their own command
     assert ((commands >= 0.52 - 1e-6) & (commands <= 0.6 + 1e-6)).all()
     assert (np.diff(commands[0, :6]) > 0.0).all()
     assert commands[0, 5] - commands[0, 0] > 0.05

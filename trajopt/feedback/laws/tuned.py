@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from rimless_gym.checks import extra, integer, real
 from rimless_gym.energy import ROW
@@ -80,17 +79,9 @@ DURATION, WINDOW = 8.0, 4.0
 LOSS_WEIGHT = 10.0
 
 
-def design(
-    solution: Solution,
-    share: float = SHARE,
-    generations: int = GENERATIONS,
-    seed: int = 0,
-) -> Law:
-    """The law for a gait; it takes minutes to tune.
-
-    Arguments and errors are those of `tune`.
-    """
-    return law_with(solution, tune(solution, share, generations, seed))
+def design(solution: Solution) -> Law:
+    """The law for a gait, tuned by `tune`, which takes minutes; it raises the same errors."""
+    return law_with(solution, tune(solution))
 
 
 def law_with(solution: Solution, numbers: Floats) -> Law:
@@ -194,22 +185,18 @@ class Trial(NamedTuple):
 
     def loss(self, law: Law) -> float:
         """The objective to minimise: the logarithm of the mean CoT, and the share of walks lost."""
-        walks = walked(law, self.machines, self.states)
-        share = float(walks.valid.mean())
-        if share == 0.0:
+        costs = walking_costs(law, self.machines, self.states)
+        walking = np.isfinite(costs)
+        if not walking.any():
             return 2.0 * LOSS_WEIGHT
-        return float(np.log(walks.costs[walks.valid].mean()) + LOSS_WEIGHT * (1.0 - share))
+        return float(np.log(costs[walking].mean()) + LOSS_WEIGHT * (1.0 - walking.mean()))
 
 
-class TrialWalks(NamedTuple):
-    """The outcome for N machines."""
+def walking_costs(law: Law, machines: Sequence[WheelParams], states: Floats) -> Floats:
+    """Costs of transport (N,) of a law's walks with N machines from hybrid states (STATE_SIZE, N).
 
-    valid: NDArray[np.bool_]  # whether the wheel gets ahead, pressed down and without slip, (N,)
-    costs: Floats  # cost of transport, shape (N,); infinite for a wheel that does not get ahead
-
-
-def walked(law: Law, machines: Sequence[WheelParams], states: Floats) -> TrialWalks:
-    """Let a law walk with N machines from hybrid states (STATE_SIZE, N)."""
+    Infinite where the wheel falls, does not get ahead, or its foot lifts or slips.
+    """
     ticks, measured = round(DURATION / CONTROL_PERIOD), round(WINDOW / CONTROL_PERIOD)
     columns = states.copy()
     inputs = columns, law.compiled, law.data, ticks, ticks - measured
@@ -217,13 +204,12 @@ def walked(law: Law, machines: Sequence[WheelParams], states: Floats) -> TrialWa
         *inputs, *machine_arrays(machines), scratch(), kernel_address()
     )
     frictions = np.array([each.friction for each in machines])
-    valid = ~fallen & (distance > 0.0) & (force > 0.0) & ~exceeds(demand, frictions)
+    walking = ~fallen & (distance > 0.0) & (force > 0.0) & ~exceeds(demand, frictions)
     idle = np.array([each.idle_power for each in machines]) * WINDOW
     weights = np.array([each.weight for each in machines])
     costs = np.full(len(machines), np.inf)
-    ahead = distance > 0.0
-    costs[ahead] = (energy + idle)[ahead] / (weights * distance)[ahead]
-    return TrialWalks(valid, costs)
+    costs[walking] = (energy + idle)[walking] / (weights * distance)[walking]
+    return costs
 
 
 @njit(error_model="numpy", nogil=True)
