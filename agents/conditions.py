@@ -76,17 +76,16 @@ class Conditions:
         return _kind(self.commanded).default_task
 
     def envs(self, num_envs: int, **arguments: Any) -> RimlessWheelVectorEnv:
-        """A vector environment of these conditions; `arguments` are any others that it takes."""
+        """A vector environment of these conditions, but for its other `arguments`."""
+        own: dict[str, Any] = {
+            "params": self.params,
+            "ranges": self.ranges,
+            "disturbances": self.disturbances,
+            "control_period": self.control.period,
+        }
         if self.commanded:
-            arguments["speeds"] = self.control.speeds
-        return _kind(self.commanded)(
-            num_envs,
-            self.params,
-            ranges=self.ranges,
-            disturbances=self.disturbances,
-            control_period=self.control.period,
-            **arguments,
-        )
+            own["speeds"] = self.control.speeds
+        return _kind(self.commanded)(num_envs, **(own | arguments))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON values; ranges and disturbances are None where there are none."""

@@ -174,6 +174,7 @@ def evaluate(
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     starts: Floats | None = None,
+    machines: Sequence[WheelParams] | None = None,
     command: float | Floats | None = None,
     control_period: float | None = None,
     progress: bool = True,
@@ -188,6 +189,7 @@ def evaluate(
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
+        machines: of each start, N of them, instead of `params` for all; the policy does not know.
         command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`, one or one for each
             start; None: the policy walks in `RimlessWheel-v0`. See also `evaluate_commanded`.
         control_period: how long an action is held (s), default: that of the environment.
@@ -220,7 +222,7 @@ def evaluate(
     n_intervals = round(protocol.duration / period)
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)
-    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task, command)
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task, command, machines)
     window = WindowTotals(walks.machines)
     log = TouchdownLog(len(starts))
     late_steps, returns = np.zeros(len(starts)), np.zeros(len(starts))

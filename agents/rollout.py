@@ -256,6 +256,7 @@ class Rollout:
         task: whose rewards are in `info`, default: that of the environment.
         command: the speed that is commanded all the time (m/s), one or one for each walk; None:
             none is, or each walk draws its own where the conditions have speeds.
+        machines: of each walk, instead of that of the conditions.
 
     Attributes:
         machines: of each walk, as drawn, N of them.
@@ -276,13 +277,15 @@ class Rollout:
         seed: int | Sequence[int] = 0,
         task: Task | None = None,
         command: float | Floats | None = None,
+        machines: Sequence[WheelParams] | None = None,
     ) -> None:
         starts = np.asarray(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
         modes = [MODE_NAMES[int(mode)] for mode in starts[:, MODE]]
         begin: dict[str, Any] = {"state": starts[:, :4].copy(), "mode": modes}
         if command is not None:
             begin["speed"] = command
-        self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
+        own = {} if machines is None else {"params": list(machines)}
+        self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None, **own)
         self._seen, _ = self._envs.reset(seed=seed, options=begin)
         self._n_intervals, self.running = n_intervals, np.arange(len(starts))
         self._noisy = conditions.disturbances.sensor_noise is not None

@@ -22,6 +22,7 @@ from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, controller_policy
 from agents.training import TrainingConfig, train
 from rimless_gym import BUILDABLE
+from rimless_gym.envs.starts import draw_start
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from scripts.studies.documents import markdown
@@ -83,20 +84,24 @@ DISTURBANCES: dict[str, Mapping[str, Any]] = {
 }
 
 
+#: Most walks side by side, from one stored result to the next.
+TOGETHER = 16
+
+
 class Variation(NamedTuple):
-    """Machines that differ in one way, and what disturbs them."""
+    """The machines of some walks, which differ in one way, and what disturbs them."""
 
     machines: tuple[WheelParams, ...]
     disturbances: str | None = None  # in `DISTURBANCES`
 
 
-class Walk(NamedTuple):
-    """A candidate's walks with one machine of a case."""
+class Walks(NamedTuple):
+    """A candidate's walks with some machines of a case, each from a start of its own."""
 
     candidate: str
-    machine: WheelParams
+    first: int  # of the case's machines
+    machines: tuple[WheelParams, ...]
     disturbances: str | None
-    starts: int
     seconds: float
     folder: Path
 
@@ -112,8 +117,8 @@ class OwnGait(NamedTuple):
 def robustness(
     *,
     out: Path = Path("runs/robustness"),
-    machines: Count = 16,
-    starts: Count = 2,
+    machines: Count = 64,
+    starts: Count = 8,
     seconds: Positive = 28.0,
     candidates: Several = (),
     groups: Several = (),
@@ -128,68 +133,68 @@ def robustness(
 
     Args:
         out: folder of the study.
-        machines: how many are drawn for each level.
-        starts: of each machine.
+        machines: how many are drawn for each level; each walks from one start.
+        starts: of each other machine.
         seconds: of a walk, of which the last 10 are measured.
         candidates: some of those that are measured; all by default.
         groups: of changes, some of drawn, single, slopes, others; all by default.
         workers: processes; by default one for every core.
         docs: a page, docs/feedback.md, to put the table into.
     """
-    changes, names = cases(machines), chosen(candidates, list(CANDIDATES))
+    changes, names = cases(machines, starts), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
-    walks = [
-        Walk(candidate, machine, case.disturbances, starts, seconds, out)
-        for case in every.values()
-        for candidate in names
-        for machine in case.machines
-    ]
+    todo = {
+        (title, name): _walks(case, name, seconds, out)
+        for title, case in every.items()
+        for name in names
+    }
     with Store(out) as store:
         for name in names:  # the workers find in the folder what takes long
             policy_of(name, out)
-        _compute(store, walks, walked, workers)
-        results = {task: store.load(_key(task)) for task in walks}
-        optima = [
-            OwnGait(task.machine, n, out)
-            for task, result in results.items()
-            for n in _ticks(task.machine, result["speed"])
-        ]
-        optima = list(dict.fromkeys(optima))
+        _compute(store, [task for tasks in todo.values() for task in tasks], walked, workers)
+        walks = {
+            which: [walk for task in tasks for walk in _results(task, store.load(_key(task)))]
+            for which, tasks in todo.items()
+        }
+        every_walk = [walk for several in walks.values() for walk in several if walk.walks]
+        optima = list(dict.fromkeys(OwnGait(each.machine, each.ticks, out) for each in every_walk))
         _compute(store, optima, optimal, workers)
         costs = {(each.machine, each.ticks): store.load(_key(each))["cot"] for each in optima}
-    text = table(every, names, results, costs)
+    text = table(every, names, walks, costs)
     if docs:
         markdown.refresh(docs, MARKS, {"machines": text + "\n"})
     print(text)
     return 0
 
 
-def cases(count: int) -> dict[str, dict[str, Variation]]:
-    """All cases by group and title."""
+def cases(count: int, starts: int) -> dict[str, dict[str, Variation]]:
+    """All cases by group and title: `count` drawn machines, and `starts` walks of each other."""
     drawn = np.random.default_rng(SEED).uniform(-1.0, 1.0, (count, len(PHYSICAL)))
     several = {
         f"all within {100 * level:g} %": Variation(
             tuple(_scaled(dict(zip(PHYSICAL, 1 + level * each, strict=True))) for each in drawn)
             if level
-            else (BUILDABLE,)
+            else (BUILDABLE,) * starts
         )
         for level in LEVELS
     }
     single = {
         f"{name.replace('_', ' ')} ± 2 %": Variation(
-            tuple(_scaled({name: factor}) for factor in (0.98, 1.02))
+            tuple(_scaled({name: factor}) for factor in (0.98, 1.02)) * starts
         )
         for name in ("pendulum_length", "pendulum_mass", "leg_length")
     }
     slopes = {
-        f"slope of {degrees:+g}°": Variation((BUILDABLE.replace(slope=math.radians(degrees)),))
+        f"slope of {degrees:+g}°": Variation(
+            (BUILDABLE.replace(slope=math.radians(degrees)),) * starts
+        )
         for degrees in (-2, -1, -0.5, 0.5, 1, 2)
     }
     heavier = BUILDABLE.wheel_mass + 0.05 * BUILDABLE.total_mass
     others = {
-        "5 % payload at the hub": Variation((BUILDABLE.replace(wheel_mass=heavier),)),
-        "battery at 80 %": Variation((_scaled({"voltage_limit": 0.8}),)),
-        **{title: Variation((BUILDABLE,), title) for title in DISTURBANCES},
+        "5 % payload at the hub": Variation((BUILDABLE.replace(wheel_mass=heavier),) * starts),
+        "battery at 80 %": Variation((_scaled({"voltage_limit": 0.8}),) * starts),
+        **{title: Variation((BUILDABLE,) * starts, title) for title in DISTURBANCES},
         f"all within 2 %, {NOISE}": several["all within 2 %"]._replace(disturbances=NOISE),
     }
     return {"drawn": several, "single": single, "slopes": slopes, "others": others}
@@ -200,7 +205,13 @@ def _scaled(factors: Mapping[str, float]) -> WheelParams:
     return dataclasses.replace(BUILDABLE, **fields)
 
 
-def _key(task: Walk | OwnGait) -> str:
+def _walks(case: Variation, candidate: str, seconds: float, folder: Path) -> list[Walks]:
+    firsts = range(0, len(case.machines), TOGETHER)
+    several = ((i, case.machines[i : i + TOGETHER], case.disturbances) for i in firsts)
+    return [Walks(candidate, *each, seconds, folder) for each in several]
+
+
+def _key(task: Walks | OwnGait) -> str:
     """The name of a result: what it depends on, but for the code."""
     values = {name: value for name, value in task._asdict().items() if name != "folder"}
     return key(getattr(task, "candidate", "optimum"), **values)
@@ -273,21 +284,42 @@ def _within(share: float) -> dict[str, tuple[float, float]]:
     return {name: ((1 - share) * at, (1 + share) * at) for name, at in known.items()}
 
 
-def walked(task: Walk) -> dict[str, Any]:
-    """How many starts walk, and the speed and cost of those that do."""
+def walked(task: Walks) -> dict[str, Any]:
+    """The speed and cost of each walk, NaN of those that do not count."""
+    rng = np.random.default_rng((SEED, task.first))
     result = evaluate(
         policy_of(task.candidate, task.folder),
-        task.machine,
-        dataclasses.replace(SHORT_PROTOCOL, starts=task.starts, duration=task.seconds),
+        BUILDABLE,
+        dataclasses.replace(SHORT_PROTOCOL, duration=task.seconds),
+        starts=np.stack([draw_start(machine, rng) for machine in task.machines]),
+        machines=task.machines,
         disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
         progress=False,
     )
-    some = result.walking_share > 0
-    return {
-        "share": result.walking_share,
-        "speed": result.speed if some else None,
-        "cot": result.cot if some else None,
-    }
+    return {"speed": result.speeds, "cot": result.cots}
+
+
+class Walk(NamedTuple):
+    """How a machine walked."""
+
+    machine: WheelParams
+    speed: float  # m/s; NaN where it does not count, and so is the cost
+    cot: float
+
+    @property
+    def walks(self) -> bool:
+        """Whether it counts."""
+        return math.isfinite(self.cot)
+
+    @property
+    def ticks(self) -> int:
+        """Of the gait with which it is compared: the nearest one of whole control periods."""
+        return round(self.machine.step_length / (self.speed * CONTROL_PERIOD))
+
+
+def _results(task: Walks, result: Mapping[str, Any]) -> list[Walk]:
+    figures = result["speed"].tolist(), result["cot"].tolist()
+    return [Walk(*each) for each in zip(task.machines, *figures, strict=True)]
 
 
 def optimal(task: OwnGait) -> dict[str, Any]:
@@ -303,11 +335,6 @@ def optimal(task: OwnGait) -> dict[str, Any]:
     return {"cot": gait.cot, "speed": gait.speed}
 
 
-def _ticks(machine: WheelParams, speed: float | None) -> tuple[int, ...]:
-    """Of the gait with which a walk is compared, if any: the nearest one of whole periods."""
-    return () if speed is None else (round(machine.step_length / (speed * CONTROL_PERIOD)),)
-
-
 def _speed(machine: WheelParams, ticks: int) -> float:
     return machine.step_length / (ticks * CONTROL_PERIOD)
 
@@ -315,38 +342,33 @@ def _speed(machine: WheelParams, ticks: int) -> float:
 def table(
     every: Mapping[str, Variation],
     candidates: Sequence[str],
-    walks: Mapping[Walk, Any],
-    costs: Mapping[Any, Any],
+    walks: Mapping[tuple[str, str], Sequence[Walk]],
+    costs: Mapping[tuple[WheelParams, int], float | None],
 ) -> str:
     """A line for every case: of each candidate, the mean gap and the share of starts that walk."""
     lines = []
     for title, case in every.items():
         cells = []
         for candidate in candidates:
-            found = {
-                task.machine: result
-                for task, result in walks.items()
-                if task.candidate == candidate and task.disturbances == case.disturbances
-            }
-            results = [(machine, found[machine]) for machine in case.machines]
-            gaps = [_gap(machine, result, costs) for machine, result in results]
-            compared = [gap for gap in gaps if gap is not None]
-            share = markdown.percent(fmean(result["share"] for _, result in results))
-            mean = f"{100 * fmean(compared):+.1f} %" if compared else "-"
+            several = walks[title, candidate]
+            gaps = [gap for each in several if (gap := _gap(each, costs)) is not None]
+            share = markdown.percent(fmean(each.walks for each in several))
+            mean = f"{100 * fmean(gaps):+.1f} %" if gaps else "-"
             cells.append(f"{mean} ({share})")
         lines.append([f"{title} ({len(case.machines)})", *cells])
     return markdown.table(["machines", *map(_title, candidates)], lines)
 
 
-def _gap(machine: WheelParams, result: Mapping[str, Any], costs: Mapping[Any, Any]) -> float | None:
+def _gap(walk: Walk, costs: Mapping[tuple[WheelParams, int], float | None]) -> float | None:
     """A walk's cost over the optimum at its speed, less one; None without either."""
-    for ticks in _ticks(machine, result["speed"]):
-        if (cost := costs[machine, ticks]) is not None:
-            # between whole periods the optimum is as much higher or lower as the nominal machine's
-            at = result["speed"] * BUILDABLE.step_length / machine.step_length
-            front = shipped_front(BUILDABLE)
-            return float(result["cot"] / cost * front(_speed(BUILDABLE, ticks)) / front(at) - 1)
-    return None
+    if not walk.walks or (cost := costs[walk.machine, walk.ticks]) is None:
+        return None
+    # between whole periods the optimum is as much higher or lower as the nominal machine's
+    front, at = (
+        shipped_front(BUILDABLE),
+        walk.speed * BUILDABLE.step_length / walk.machine.step_length,
+    )
+    return float(walk.cot / cost * front(_speed(BUILDABLE, walk.ticks)) / front(at) - 1)
 
 
 def _title(candidate: str) -> str:
