@@ -252,10 +252,7 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     if law == "gentle":
         held = law_about(gait, ahead=None)
     elif law == "tuned":
-        store, name = Store(folder), f"tuned_{ticks}"
-        if name not in store:
-            store.save(name, tuned.tune(gait))
-        held = tuned.law_with(gait, store.load(name))
+        held = tuned.design(gait, folder)
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 

@@ -101,6 +101,19 @@ def test_a_start_gives_the_same_result_in_any_batch_and_order():
         np.testing.assert_array_equal(getattr(some, name), getattr(together, name)[order], name)
 
 
+def test_every_start_may_have_a_machine_of_its_own():
+    starts, heavy = draw_starts(STICKY, 8, SMALL.seed), STICKY.replace(pendulum_mass=2.3)
+    machines = [STICKY, heavy] * 4
+    mixed = evaluate(push, STICKY, SMALL, starts=starts, machines=machines)
+    for k, machine in enumerate((STICKY, heavy)):
+        alone = evaluate(push, machine, SMALL, starts=starts[k::2])
+        assert alone.walking.any()
+        for name in ("walking", "speeds", "cots"):
+            np.testing.assert_array_equal(getattr(mixed, name)[k::2], getattr(alone, name), name)
+    with pytest.raises(ValueError, match="params"):
+        evaluate(push, STICKY, SMALL, starts=starts, machines=machines[:7])
+
+
 def test_a_policy_of_zeros_rests_and_its_evaluation_is_plain_json():
     result = evaluate(rest, THESIS_PHYSICAL, dataclasses.replace(SMALL, starts=8, duration=15.0))
     assert result.walking_share == 0.0

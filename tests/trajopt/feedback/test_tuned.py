@@ -67,6 +67,21 @@ def test_a_walk_that_slips_does_not_count(gentle, held, short):
     assert trial._replace(machines=tuple(glassy)).loss(gentle) > trial.loss(gentle) + 9.0
 
 
+def test_a_law_is_tuned_once_for_a_folder(held, monkeypatch, tmp_path):
+    found = []
+
+    def tune(solution):
+        found.append(np.full(tuned.COUNT, 0.1 * (1 + len(found))))
+        return found[-1]
+
+    monkeypatch.setattr(tuned, "tune", tune)
+    other = dataclasses.replace(held, params=held.params.replace(friction=0.9))
+    several = [tuned.design(gait, tmp_path).data.voltages for gait in (held, held, other)]
+    assert np.array_equal(several[0], several[1])
+    assert not np.array_equal(several[0], several[2])
+    assert len(found) == 2
+
+
 @pytest.mark.slow
 def test_evolution_costs_less_on_other_machines_and_the_same_for_the_same_seed(
     gentle, held, monkeypatch

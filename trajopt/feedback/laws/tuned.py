@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,7 @@ from trajopt.feedback.laws import lqr
 from trajopt.gaits.solution import Solution
 from trajopt.identification.fit import physical
 from trajopt.pool import cores, progress_bar
+from trajopt.store import Store, key
 
 with extra("learn"):
     import cma
@@ -79,9 +81,18 @@ DURATION, WINDOW = 8.0, 4.0
 LOSS_WEIGHT = 10.0
 
 
-def design(solution: Solution) -> Law:
-    """The law for a gait, tuned by `tune`, which takes minutes; it raises the same errors."""
-    return law_with(solution, tune(solution))
+def design(solution: Solution, folder: Path | None = None) -> Law:
+    """The law for a gait, tuned by `tune`, which takes minutes; it raises the same errors.
+
+    Its numbers are stored in `folder`, if there is one, and read from it if they are there.
+    """
+    if folder is None:
+        return law_with(solution, tune(solution))
+    store, orbit = Store(folder), law_about(solution, ahead=None).data.orbit.states
+    name = key("tuned", params=solution.params, orbit=orbit)
+    if name not in store:
+        store.save(name, tune(solution))
+    return law_with(solution, store.load(name))
 
 
 def law_with(solution: Solution, numbers: Floats) -> Law:
