@@ -39,7 +39,7 @@ from trajopt.store import Store, key
 
 MARKS = markdown.marks("robustness", ("machines",))
 
-#: Control periods per step of the gaits that laws hold: 0.566 m/s and 0.620 m/s.
+#: Control periods per step of the gaits from which optima are continued: 0.566 and 0.620 m/s.
 TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
@@ -55,6 +55,7 @@ CANDIDATES: dict[str, int | None] = {
             *("input_output", "pid", "sliding_mode"),
         )
     },
+    "tuned 44": 44,
     **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
 }
 
@@ -82,7 +83,6 @@ DISTURBANCES: dict[str, Mapping[str, Any]] = {
     "one period late": {"actuator_delay": 1},
     NOISE: {"sensor_noise": {"leg_angle": 1e-3, "pendulum_angle": 1e-3}},
 }
-
 
 #: Most walks side by side, from one stored result to the next.
 TOGETHER = 16
@@ -118,7 +118,7 @@ def robustness(
     *,
     out: Path = Path("runs/robustness"),
     machines: Count = 64,
-    starts: Count = 8,
+    starts: Count = 4,
     seconds: Positive = 28.0,
     candidates: Several = (),
     groups: Several = (),
