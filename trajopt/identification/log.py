@@ -25,6 +25,9 @@ JITTER = 0.1
 #: How far beyond its touchdowns the leg may be, by errors of the sensor (rad).
 BEYOND = 0.1
 
+#: How far from there it may be when the foot changes, without a period's motion (rad).
+EARLY = 0.03
+
 #: Least length of a log (s), least turn of the pendulum in it (rad), and most time between samples
 #: (s), in which a wheel takes a large part of a step.
 SHORTEST, STILLEST, COARSEST = 0.3, 0.2, 0.1
@@ -148,6 +151,11 @@ def require_usable(log: Log, params: WheelParams) -> None:
             f"phi = {log.phi[outside.argmax()]:.4g}: must be from {c.a:.3g} to {c.b:.3g} rad, "
             f"where the {params.n_legs} legs touch down; degrees, or another machine?"
         )
+    if (early := _before_touchdowns(log, c.a, c.b)) > EARLY:
+        raise LogError(
+            f"foot: it changes {early:.2g} rad before the leg is where {params.n_legs} legs touch "
+            "down; another machine, or an angle that is not measured from the ground?"
+        )
     if log.period > COARSEST:
         raise LogError(
             f"time: {log.period:.4g} s pass between samples; must be at most {COARSEST:g} s; "
@@ -166,3 +174,16 @@ def require_usable(log: Log, params: WheelParams) -> None:
             f"the pendulum turns by {turned:.2g} rad in the log: must be at least {STILLEST:g} "
             f"({math.degrees(STILLEST):.0f} degrees); drive it farther"
         )
+
+
+def _before_touchdowns(log: Log, first: float, last: float) -> float:
+    """How far the leg is from where it can touch down when the foot changes (rad), the median.
+
+    What it moves from one sample to the next is not counted.
+    """
+    k = np.flatnonzero(np.diff(log.foot) * (log.mode[:-1] == SINGLE))
+    k = k[k > 0]
+    if not len(k):
+        return 0.0
+    left = np.minimum(log.phi[k] - first, last - log.phi[k])
+    return float(np.median(left - np.abs(log.phi[k] - log.phi[k - 1])))

@@ -116,6 +116,8 @@ def test_useless_logs_are_refused_with_the_number_that_shows_it(log: Log, tmp_pa
     with pytest.raises(LogError, match=r"standard deviations from what was known.*units"):
         identify(shares, BUILDABLE)
     still = dataclasses.replace(log, theta=0.001 * log.theta)
+    with pytest.raises(LogError, match=r"foot: it changes 0\.0[678]\d* rad before .* 6 legs"):
+        identify(log, BUILDABLE.replace(n_legs=6))
     for bad, number in (
         (dataclasses.replace(log, phi=np.degrees(log.phi)), r"phi = .*degrees"),
         (dataclasses.replace(log, theta=np.degrees(log.theta)), r"rad/s.*degrees"),
