@@ -62,28 +62,29 @@ def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controll
 def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit(
     controller, held, tmp_path, monkeypatch
 ) -> None:
-    """Then it holds its own gaits, one after the other, each of shorter steps."""
+    """Each by its own memory; then it holds its own gaits, each of shorter steps."""
     planned = controller.table.rows[1]
     monkeypatch.setattr(AdaptiveController, "own_laws", lambda *given: [planned, planned])
     monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
     monkeypatch.setattr(adaptive, "SOLVING", 0.1)
-    length = 1.01 * held.params.pendulum_length
-    changed = dataclasses.replace(held.params, pendulum_length=length)
+    lengths = held.params.pendulum_length * np.array([1.01, 0.99])
+    machines = [held.params.replace(pendulum_length=length) for length in lengths]
     start = hybrid_states(held.state([0.1, 0.3]), SINGLE)
     kept = controller.begin(2)
 
     def policy(states, observations, walks=kept):
         rows = np.arange(len(states))
         modes = states[:, 4].astype(np.int64)
-        return walks(rows, states[:, :4], modes, states[:, 5]) / changed.voltage_limit
+        return walks(rows, states[:, :4], modes, states[:, 5]) / held.params.voltage_limit
 
-    states = [each.states for each in Rollout(Conditions(changed), policy, start, 230)]
+    rollout = Rollout(Conditions(held.params), policy, start, 230, machines=machines)
+    states = [each.states for each in rollout]
     assert [len(each) for each in states] == [2] * 230
     assert (kept.identified == 1).all()
     assert not kept.delays.any()
     found = [machine.pendulum_length for machine in kept.machines]
-    np.testing.assert_allclose(found, length, rtol=3e-3)
+    np.testing.assert_allclose(found, lengths, rtol=3e-3)
     assert [(plan.tick, plan.shorter) for plan in kept.plans] == [(220, 1), (220, 1)]
 
     first = controller.begin(2)
