@@ -118,7 +118,7 @@ def robustness(
     *,
     out: Path = Path("runs/robustness"),
     machines: Count = 64,
-    starts: Count = 4,
+    starts: Count = 2,
     seconds: Positive = 28.0,
     candidates: Several = (),
     groups: Several = (),
