@@ -95,7 +95,7 @@ class Variation(NamedTuple):
     disturbances: str | None = None  # in `DISTURBANCES`
 
 
-class Walks(NamedTuple):
+class CaseWalks(NamedTuple):
     """A candidate's walks with some machines of a case, each from a start of its own."""
 
     candidate: str
@@ -205,13 +205,13 @@ def _scaled(factors: Mapping[str, float]) -> WheelParams:
     return dataclasses.replace(BUILDABLE, **fields)
 
 
-def _walks(case: Variation, candidate: str, seconds: float, folder: Path) -> list[Walks]:
+def _walks(case: Variation, candidate: str, seconds: float, folder: Path) -> list[CaseWalks]:
     firsts = range(0, len(case.machines), TOGETHER)
     several = ((i, case.machines[i : i + TOGETHER], case.disturbances) for i in firsts)
-    return [Walks(candidate, *each, seconds, folder) for each in several]
+    return [CaseWalks(candidate, *each, seconds, folder) for each in several]
 
 
-def _key(task: Walks | OwnGait) -> str:
+def _key(task: CaseWalks | OwnGait) -> str:
     """The name of a result: what it depends on, but for the code."""
     values = {name: value for name, value in task._asdict().items() if name != "folder"}
     return key(getattr(task, "candidate", "optimum"), **values)
@@ -281,7 +281,7 @@ def _within(share: float) -> dict[str, tuple[float, float]]:
     return {name: ((1 - share) * at, (1 + share) * at) for name, at in known.items()}
 
 
-def walked(task: Walks) -> dict[str, Any]:
+def walked(task: CaseWalks) -> dict[str, Any]:
     """The speed and cost of each walk, NaN of those that do not count."""
     rng = np.random.default_rng((SEED, task.first))
     result = evaluate(
@@ -314,7 +314,7 @@ class Walk(NamedTuple):
         return round(self.machine.step_length / (self.speed * CONTROL_PERIOD))
 
 
-def _results(task: Walks, result: Mapping[str, Any]) -> list[Walk]:
+def _results(task: CaseWalks, result: Mapping[str, Any]) -> list[Walk]:
     figures = result["speed"].tolist(), result["cot"].tolist()
     return [Walk(*each) for each in zip(task.machines, *figures, strict=True)]
 

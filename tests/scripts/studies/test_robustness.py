@@ -54,7 +54,7 @@ def test_a_walk_is_compared_with_its_machines_optimum_at_its_speed():
 
 def test_machines_walk_side_by_side_as_they_do_alone(tmp_path):
     machines = robustness.cases(3, 1)["drawn"]["all within 1 %"].machines
-    task = robustness.Walks("evolution", 0, machines, None, 16.0, tmp_path)
+    task = robustness.CaseWalks("evolution", 0, machines, None, 16.0, tmp_path)
     together = robustness.walked(task)
     alone = robustness.walked(task._replace(machines=machines[:1]))
     assert together["speed"].shape == (3,)
