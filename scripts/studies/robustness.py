@@ -44,27 +44,25 @@ TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
 #: the gains from which the adaptive controller starts, and without a clock; the tuned one begins
-#: with these gains. The clone imitates the laws of drawn machines about their own gaits; `tolerant`
-#: is the clone, fine-tuned.
+#: with these gains. The clone imitates the laws of drawn machines about their own gaits.
 CANDIDATES: dict[str, int | None] = {
     **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
     **{
         f"{law} 46": 46
         for law in (
-            *("adaptive", "lqr", "gentle", "tuned", "clone", "tolerant"),
+            *("adaptive", "lqr", "gentle", "tuned", "clone"),
             *("input_output", "pid", "sliding_mode"),
         )
     },
     "tuned 44": 44,
-    **dict.fromkeys(("imitation", "distilled", "fine_tuned", "evolution", "robust")),
+    **dict.fromkeys(("tolerant", "imitation", "distilled", "fine_tuned", "evolution", "robust")),
 }
 
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
-#: The clone learns from machines within the first share, and is fine-tuned on machines within the
-#: second one; and how it learns.
-TAUGHT, TUNED = 0.03, 0.02
+#: The clone learns from machines within this share; and how it learns.
+TAUGHT = 0.03
 CLONING = Cloning(
     expert_starts=96,
     starts=160,
@@ -242,11 +240,10 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     gait, law = nominal_gait(ticks, folder), candidate.split()[0]
     if law == "adaptive":
         return AdaptivePolicy(AdaptiveController.about(gait, folder))
-    if law in ("clone", "tolerant"):
-        file = folder / f"{law}.zip"  # two processes cannot train in one folder
+    if law == "clone":
+        file = folder / "clone.zip"  # two processes cannot train in one folder
         if not file.exists():
-            clone = cloned(AdaptiveController.about(gait, folder), folder)
-            shutil.copy(clone if law == "clone" else fine_tuned(clone, folder), file)
+            shutil.copy(cloned(AdaptiveController.about(gait, folder), folder), file)
         return load_policy(file).policy
     held: Law | str = law
     if law == "gentle":
@@ -258,27 +255,16 @@ def policy_of(candidate: str, folder: Path) -> Policy:
 
 def cloned(controller: AdaptiveController, folder: Path) -> Path:
     """A network that imitates, from the state alone, what each drawn machine's own law does."""
+    known = {name: getattr(BUILDABLE, name) for name in PHYSICAL}
     config = TrainingConfig(
         "ppo",
         IMITATION,
         timesteps=0,
-        ranges=_within(TAUGHT),
+        ranges={name: ((1 - TAUGHT) * at, (1 + TAUGHT) * at) for name, at in known.items()},
         expert=OwnLaws(controller),
         cloning=CLONING,
     )
     return train(config, folder / "clone", progress=False).last
-
-
-def fine_tuned(clone: Path, folder: Path) -> Path:
-    """The clone after CMA-ES on drawn machines; it comes with the package as `tolerant`."""
-    config = TrainingConfig("cma_es", str(clone), ranges=_within(TUNED))
-    return train(config, folder / "tolerant", progress=False).last
-
-
-def _within(share: float) -> dict[str, tuple[float, float]]:
-    """Ranges of all parameters."""
-    known = {name: getattr(BUILDABLE, name) for name in PHYSICAL}
-    return {name: ((1 - share) * at, (1 + share) * at) for name, at in known.items()}
 
 
 def walked(task: CaseWalks) -> dict[str, Any]:
