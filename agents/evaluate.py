@@ -189,7 +189,7 @@ def evaluate(
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
-        machines: of each start, N of them, instead of `params` for all; the policy does not know.
+        machines: of each start, N of them, instead of `params` for all.
         command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`, one or one for each
             start; None: the policy walks in `RimlessWheel-v0`. See also `evaluate_commanded`.
         control_period: how long an action is held (s), default: that of the environment.
