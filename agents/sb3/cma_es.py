@@ -55,9 +55,9 @@ SPREAD = 0.0006
 #: ordinary ones, new in each.
 GAIT_STARTS, HARD_STARTS, ORDINARY_STARTS, RENEWED = 8, 16, 32, 20
 
-#: Starts on the gait where speeds are commanded: one in each of as many equal parts of the states
-#: that are shown, sorted by command.
-COMMANDED_STARTS = 48
+#: Starts on the gait where each has a machine or a command of its own. With commands, there is one
+#: in each of as many equal parts of the states that are shown, sorted by command.
+VARIED_STARTS = 48
 
 #: A walk that is off its commanded speed by this share counts as twice as expensive. With 0.02,
 #: policies keep the command at the expense of the cost.
@@ -167,7 +167,8 @@ class LastLayer:
 
     def __init__(self, training: Training, model: Any) -> None:
         self._conditions, self._seed = training.conditions, training.seed
-        self._n_gait_starts = COMMANDED_STARTS if self._conditions.commanded else GAIT_STARTS
+        varied = self._conditions.commanded or self._conditions.ranges.bounds
+        self._n_gait_starts = VARIED_STARTS if varied else GAIT_STARTS
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
         self.first = np.append(net.weight[0].detach().numpy(), net.bias.detach().numpy())
         self._generation, period = 0, self._conditions.control.period

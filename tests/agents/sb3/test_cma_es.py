@@ -60,6 +60,7 @@ def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_it
     scores, machines = [], []
     monkeypatch.setattr(cma_es, "SPREAD", 1e-12)  # the policies differ by nothing
     monkeypatch.setattr(cma_es, "ORDINARY_STARTS", 4)
+    monkeypatch.setattr(cma_es, "VARIED_STARTS", 5)
     tell = cma_es.LastLayer.tell
     monkeypatch.setattr(
         cma_es.LastLayer, "tell", lambda search, new: (scores.append(new), tell(search, new))
@@ -75,6 +76,7 @@ def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_it
     run(tmp_path, "cma_es", init=CLONE, timesteps=6 * GENERATION, ranges=ranges)
     assert np.ptp(scores, axis=1) == pytest.approx(0.0, abs=1e-6)
     first, last = ({machine.pendulum_mass for machine in machines[k]} for k in (0, -1))
+    assert len(machines[0]) >= 5 + 4
     assert len(first) > 1
     assert first != last
 
@@ -97,7 +99,7 @@ def test_an_ordinary_start_that_walks_does_not_change_the_cost(tmp_path, monkeyp
 
 def test_commands_are_spread_evenly_and_are_the_same_for_all_policies(tmp_path, monkeypatch):
     given, counted, shown = [], [], []
-    monkeypatch.setattr(cma_es, "COMMANDED_STARTS", 6)
+    monkeypatch.setattr(cma_es, "VARIED_STARTS", 6)
 
     def remembered(*arguments, command):
         given.append(command.reshape(cma_es.POPULATION, -1))
@@ -148,7 +150,7 @@ def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch, init, spee
     def begin(name):
         return run(tmp_path / name, "cma_es", init=init, timesteps=3 * GENERATION, **speeds)
 
-    monkeypatch.setattr(cma_es, "COMMANDED_STARTS", 2)
+    monkeypatch.setattr(cma_es, "VARIED_STARTS", 2)
     monkeypatch.setattr(cma_es, "RENEWED", 1)
     monkeypatch.setattr(cma_es, "ANEW", GENERATION)
     whole = begin("whole")
