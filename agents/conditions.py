@@ -76,7 +76,7 @@ class Conditions:
         return _kind(self.commanded).default_task
 
     def envs(self, num_envs: int, **arguments: Any) -> RimlessWheelVectorEnv:
-        """A vector environment of these conditions, but for its other `arguments`."""
+        """A vector environment of these conditions; `arguments` add to them or replace them."""
         own: dict[str, Any] = {
             "params": self.params,
             "ranges": self.ranges,

@@ -198,9 +198,9 @@ def evaluate(
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
-            finite or not states to start from, ranges or disturbances are not valid, or the
-            command or the control period is out of its range, or longer than the protocol's
-            shortest span.
+            finite or not states to start from, `machines` are not as many, ranges or disturbances
+            are not valid, or the command or the control period is out of its range, or longer than
+            the protocol's shortest span.
         RuntimeError: a machine that was drawn cannot stand at its start.
     """
     require_callable("policy", policy)
@@ -214,6 +214,8 @@ def evaluate(
     starts = real_array("starts", starts)
     if starts.ndim != 2 or starts.shape[1] != STATE_SIZE or not np.isfinite(starts).all():
         raise ValueError(f"starts: must be finite, of shape (N, {STATE_SIZE})")
+    if machines is not None and len(machines) != len(starts):
+        raise ValueError(f"machines: {len(machines)} for {len(starts)} starts; give one for each")
     task, period = as_task(task, conditions.default_task), conditions.control.period
     if protocol.alive < period:
         raise ValueError(

@@ -284,8 +284,12 @@ class Rollout:
         begin: dict[str, Any] = {"state": starts[:, :4].copy(), "mode": modes}
         if command is not None:
             begin["speed"] = command
-        own = {} if machines is None else {"params": list(machines)}
-        self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None, **own)
+        self._envs = conditions.envs(
+            len(starts),
+            params=conditions.params if machines is None else list(machines),
+            task=task,
+            max_episode_steps=None,
+        )
         self._seen, _ = self._envs.reset(seed=seed, options=begin)
         self._n_intervals, self.running = n_intervals, np.arange(len(starts))
         self._noisy = conditions.disturbances.sensor_noise is not None

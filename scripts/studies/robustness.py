@@ -142,7 +142,7 @@ def robustness(
     changes, names = cases(machines, starts), chosen(candidates, list(CANDIDATES))
     every = {t: c for group in chosen(groups, list(changes)) for t, c in changes[group].items()}
     todo = {
-        (title, name): _walks(case, name, seconds, out)
+        (title, name): walks_of(case, name, seconds, out)
         for title, case in every.items()
         for name in names
     }
@@ -203,7 +203,8 @@ def _scaled(factors: Mapping[str, float]) -> WheelParams:
     return dataclasses.replace(BUILDABLE, **fields)
 
 
-def _walks(case: Variation, candidate: str, seconds: float, folder: Path) -> list[CaseWalks]:
+def walks_of(case: Variation, candidate: str, seconds: float, folder: Path) -> list[CaseWalks]:
+    """The walks of a case, in parts that are stored each by itself."""
     firsts = range(0, len(case.machines), TOGETHER)
     several = ((i, case.machines[i : i + TOGETHER], case.disturbances) for i in firsts)
     return [CaseWalks(candidate, *each, seconds, folder) for each in several]

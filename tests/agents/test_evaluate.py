@@ -110,7 +110,7 @@ def test_every_start_may_have_a_machine_of_its_own():
         assert alone.walking.any()
         for name in ("walking", "speeds", "cots"):
             np.testing.assert_array_equal(getattr(mixed, name)[k::2], getattr(alone, name), name)
-    with pytest.raises(ValueError, match="params"):
+    with pytest.raises(ValueError, match="machines: 7 for 8 starts"):
         evaluate(push, STICKY, SMALL, starts=starts, machines=machines[:7])
 
 

@@ -25,7 +25,8 @@ JITTER = 0.1
 #: How far beyond its touchdowns the leg may be, by errors of the sensor (rad).
 BEYOND = 0.1
 
-#: How far from there it may be when the foot changes, without a period's motion (rad).
+#: How far short of a touchdown the leg may be when the foot changes, beyond what it moves from one
+#: sample to the next (rad).
 EARLY = 0.03
 
 #: Least length of a log (s), least turn of the pendulum in it (rad), and most time between samples
@@ -177,9 +178,9 @@ def require_usable(log: Log, params: WheelParams) -> None:
 
 
 def _before_touchdowns(log: Log, first: float, last: float) -> float:
-    """How far the leg is from where it can touch down when the foot changes (rad), the median.
+    """How far short of a touchdown the leg is when the foot changes (rad), in the median.
 
-    What it moves from one sample to the next is not counted.
+    What it moves from one sample to the next is taken off. Touchdowns are at `first` and `last`.
     """
     k = np.flatnonzero(np.diff(log.foot) * (log.mode[:-1] == SINGLE))
     k = k[k > 0]
