@@ -62,8 +62,11 @@ def log(
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import periodic_gait
     from trajopt.identification import Noise
+    from trajopt.identification.log import SHORTEST
 
     require_file(out)
+    if seconds < SHORTEST:
+        raise ValueError(f"seconds = {seconds:g}: must be at least {SHORTEST:g}, to identify from")
     walking = machine(preset, params)
     named = named_policy(
         policy, lambda each: periodic_gait(each, speed, hold=CONTROL_PERIOD), machine(preset, None)
@@ -78,8 +81,11 @@ def log(
     first = at_rest(walking) if start is None else draw_starts(walking, start + 1, 0)[start]
     walk = logged(named.policy, walking, first, seconds, Noise(angle, current, rate), seed)
     walk.save(out)
-    fell = ", where the wheel fell" * (walk.time[-1] < seconds - 2 * CONTROL_PERIOD)
-    print(f"{out}: {len(walk)} samples, {walk.time[-1]:.2f} s, to foot {walk.foot[-1]:.0f}{fell}")
+    fell = walk.time[-1] < seconds - 2 * CONTROL_PERIOD
+    print(
+        f"{out}: {len(walk)} samples, {walk.time[-1]:.2f} s, to foot {walk.foot[-1]:.0f}"
+        + (", where the wheel fell" if fell else "")
+    )
     return 0
 
 
@@ -89,6 +95,7 @@ def identify(
     preset: Preset = "BUILDABLE",
     params: Fields = None,
     free: Several = (),
+    tolerance: Fields = None,
     angle: Positive = 1e-3,
     current: Positive = 5e-3,
     rate: Positive = 1e-2,
@@ -102,10 +109,12 @@ def identify(
 
     Args:
         file: the log, .csv or .npz
-        preset: machine that is known before, to a standard deviation of 5 % of each parameter
+        preset: machine that is known before
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
         free: unknown parameters; by default masses, inertias, lengths, motor and friction; slope
             may be one
+        tolerance: standard deviations of what is known before, in the parameters' units
+            (pendulum_drag=1e-5); by default 5 % of each parameter
         angle: standard deviation of the angles' errors (rad)
         current: of the current's (A)
         rate: of the rates' (rad/s)
@@ -116,9 +125,11 @@ def identify(
     from trajopt.store import write_text
 
     if out is not None:
+        if out.suffix != ".json":
+            raise ValueError(f"{out}: must end in .json, as what --params reads")
         require_file(out)
     known, noise = machine(preset, params), Noise(angle, current, rate)
-    found = identified(Log.load(file), known, free or None, noise=noise)
+    found = identified(Log.load(file), known, free or None, tolerance=tolerance or {}, noise=noise)
     if out is not None:
         write_text(out, json.dumps(found.params.to_dict(), indent=1) + "\n")
     print(found.report())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import shutil
@@ -307,16 +308,23 @@ def _results(task: CaseWalks, result: Mapping[str, Any]) -> list[Walk]:
 
 
 def optimal(task: OwnGait) -> dict[str, Any]:
-    """The cost of the machine's own gait, continued from the nominal machine's; None without."""
-    near = min(TICKS, key=lambda ticks: abs(ticks - task.ticks))
-    guess, time = nominal_gait(near, task.folder), task.ticks * CONTROL_PERIOD
-    try:
-        gait = periodic_gait(
-            task.machine, step_time=time, hold=CONTROL_PERIOD, guess=guess, progress=False
-        )
-    except NoGaitError:
-        return {"cot": None, "speed": None}
-    return {"cot": gait.cot, "speed": gait.speed}
+    """The least cost of the machine's own gaits, from each nominal one; None without any.
+
+    Some searches end in a local optimum, and most of those that do so start from the other gait.
+    """
+    costs = []
+    for ticks in TICKS:
+        with contextlib.suppress(NoGaitError):
+            gait = periodic_gait(
+                task.machine,
+                step_time=task.ticks * CONTROL_PERIOD,
+                hold=CONTROL_PERIOD,
+                guess=nominal_gait(ticks, task.folder),
+                progress=False,
+            )
+            if gait.verification.passed:
+                costs.append(gait.cot)
+    return {"cot": min(costs, default=None)}
 
 
 def _speed(machine: WheelParams, ticks: int) -> float:

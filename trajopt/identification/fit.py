@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from rimless_gym.checks import positive, require_kind
+from rimless_gym.checks import positive, real_array, require_kind
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
@@ -45,8 +46,12 @@ TOLERANCE, TOLERANCES = 0.05, {"slope": 0.05, "hub_damping": 2e-3}
 PASSES, FEWEST = (0.2, 0.8), 4
 
 #: Integration steps within a sample, of Runge and Kutta's fourth order, are at most so long (s):
-#: with half of it, estimates differ by a fiftieth of their standard deviation.
+#: with half of it, estimates differ by a fiftieth of their standard deviation. They are shorter
+#: where the motor damps the pendulum faster than that.
 STEP = 0.01
+
+#: Errors of the leg's angle beyond which a sample counts as short of a touchdown.
+SHORT_OF = 5.0
 
 #: Gauss-Newton steps per pass, halvings of one, and the step, in tolerances, at which it ends.
 STEPS, HALVINGS, SMALL = 15, 6, 1e-3
@@ -93,7 +98,7 @@ class Identification:
         nominal: what was known before.
         free: names of the identified parameters, k of them.
         tolerance: their standard deviations before, shape (k,).
-        covariance: of the estimates, shape (k, k).
+        covariance: of the estimates, shape (k, k); larger by chi2 where that is above 1.
         unidentifiable: directions of which the log has no information, each by its share of every
             parameter, in tolerances; what was known before stands in them.
         residuals: root mean square by channel, in standard deviations of its noise.
@@ -164,19 +169,22 @@ def identify(
     require_kind("noise", noise, Noise)
     require_usable(log, params)
     free = physical(params) if free is None else tuple(free)
-    before = np.diag(_scales(params, free, tolerance) ** 2) if covariance is None else covariance
-    if np.shape(before) != 2 * (len(free),):
-        raise ValueError(f"covariance: has shape {np.shape(before)}; must be {2 * (len(free),)}")
+    if covariance is None:
+        before = np.diag(_scales(params, free, tolerance) ** 2)
+    else:
+        _require_motion(params, free)
+        before = _covariance(covariance, len(free))
     scale = np.sqrt(np.diag(before))
     prior = np.linalg.inv(before / np.outer(scale, scale))
     channels = [name for name in ("phi", "theta", "current", "dphi", "dtheta") if _has(log, name)]
     fit = _Fit(log, params, free, scale, prior, tuple(channels), noise)
     starts: dict[int, Floats] = {}
     q = np.zeros(len(free))
-    for longest in PASSES:
-        pieces = fit.pieces(longest, starts)
-        q, pieces, system = fit.solved(pieces, q)
-        starts = dict(zip(pieces.begins.tolist(), pieces.states, strict=True))
+    with np.errstate(over="ignore", invalid="ignore"):  # what diverges is refused below
+        for longest in PASSES:
+            pieces = fit.pieces(longest, starts)
+            q, pieces, system = fit.solved(pieces, q)
+            starts = dict(zip(pieces.begins.tolist(), pieces.states, strict=True))
     degrees = max(system.compared - 4 * len(pieces.begins) - len(free), 1)
     chi2 = system.squares / degrees
     residuals = {name: float(r) for name, r in zip(channels, system.rms, strict=True)}
@@ -205,7 +213,7 @@ def identify(
         for share, v in zip(shares, directions.T, strict=True)
         if share < LEAST_INFORMATION
     )
-    after = np.linalg.inv(system.information + prior) * np.outer(scale, scale)
+    after = max(chi2, 1.0) * np.linalg.inv(system.information + prior) * np.outer(scale, scale)
     return Identification(
         *(machine, params, free, scale, after, unidentifiable, residuals, chi2, system.compared)
     )
@@ -224,26 +232,43 @@ def _scales(
     params: WheelParams, free: tuple[str, ...], tolerance: float | Mapping[str, float]
 ) -> Floats:
     """The standard deviations of the parameters before."""
+    _require_motion(params, free)
     share = TOLERANCE if isinstance(tolerance, Mapping) else positive("tolerance", tolerance)
     given = tolerance if isinstance(tolerance, Mapping) else {}
     if unknown := [name for name in given if name not in free]:
         raise ValueError(f"tolerance: {', '.join(unknown)} is not free; free is {', '.join(free)}")
     scales = []
     for name in free:
-        if name in ("n_legs", "friction", "voltage_limit", "idle_power", "pendulum_reach") or (
-            not isinstance(getattr(params, name, None), float)
+        usual = TOLERANCES.get(name, share * abs(getattr(params, name)))
+        if not usual and name not in given:
+            raise ValueError(f"{name} = 0: give its tolerance, in its unit")
+        scales.append(positive(f"tolerance of {name}", given.get(name, usual)))
+    return np.array(scales)
+
+
+def _require_motion(params: WheelParams, free: tuple[str, ...]) -> None:
+    """Refuse names that are not those of different parameters of the motion."""
+    for name in free:
+        if name in ("friction", "voltage_limit", "idle_power", "pendulum_reach") or not isinstance(
+            getattr(params, str(name), None), float
         ):
             raise ValueError(
                 f"free = {name!r}: no parameter of the motion; choose from {', '.join(PHYSICAL)}, "
                 f"{', '.join(TOLERANCES)}"
             )
-        usual = TOLERANCES.get(name, share * abs(getattr(params, name)))
-        if not (scale := given.get(name, usual)):
-            raise ValueError(f"{name} = 0: give its tolerance, in its unit")
-        scales.append(positive(f"tolerance of {name}", scale))
     if not free or len(set(free)) < len(free):
         raise ValueError(f"free = {free}: name one parameter or more, each once")
-    return np.array(scales)
+
+
+def _covariance(covariance: Floats, k: int) -> Floats:
+    """A covariance of k parameters as an array; refuses a matrix that is none."""
+    given = real_array("covariance", covariance)
+    if given.shape != (k, k):
+        raise ValueError(f"covariance: has shape {given.shape}; must be {(k, k)}")
+    symmetric = np.isfinite(given).all() and np.allclose(given, given.T)
+    if not symmetric or not np.linalg.eigvalsh(given)[0] > 0:
+        raise ValueError("covariance: must be finite, symmetric and positive definite")
+    return given
 
 
 class _Pieces(NamedTuple):
@@ -285,11 +310,16 @@ class _Fit:
         return np.array([getattr(self.params, name) for name in self.free]) + q * self.scale
 
     def pieces(self, longest: float, starts: Mapping[int, Floats]) -> _Pieces:
-        """Every stance in equal pieces; states from `starts` or from the samples."""
+        """Every stance in equal pieces; states from `starts` or from the samples.
+
+        Samples about which another foot may have touched the ground are in none.
+        """
         log, most = self.log, max(round(longest / self.log.period), FEWEST)
         changes = np.flatnonzero((np.diff(log.foot) != 0) | (np.diff(log.mode) != 0)) + 1
+        alone = self._touching()
+        stances = np.unique([0, *changes, *alone, *alone + 1, len(log)])
         found = []
-        for begin, end in pairwise([0, *changes.tolist(), len(log)]):
+        for begin, end in pairwise(stances.tolist()):
             if end - begin >= FEWEST:
                 parts = math.ceil((end - begin) / most)
                 edges = np.linspace(begin, end, parts + 1).astype(int).tolist()
@@ -300,6 +330,21 @@ class _Fit:
         inside = np.arange((ends - begins).max()) < (ends - begins)[:, None]
         states = np.array([starts.get(b, self._guess(b, e)) for b, e in found])
         return _Pieces(begins, inside, log.mode[begins], states)
+
+    def _touching(self) -> NDArray[np.int64]:
+        """Samples where the leg is so near to a touchdown that it may have touched down.
+
+        A wheel that rocks touches down and comes back between two samples, and the log does not
+        show it. So the leg must not turn back there, as far as errors let one see, or be about to
+        change.
+        """
+        log, c, errors = self.log, self.params.constants, SHORT_OF * self.noise.angle
+        left = np.minimum(log.phi - c.a, c.b - log.phi)
+        same, moved = np.diff(log.foot) == 0, np.abs(np.diff(log.phi))
+        reach = np.maximum(moved[:-1], moved[1:] * same[1:]) + errors
+        turns = (left[1:-1] <= left[:-2] + errors) & same[:-1]
+        turns &= (left[1:-1] <= left[2:] + errors) | ~same[1:]
+        return np.flatnonzero(turns & (left[1:-1] < reach) & (log.mode[1:-1] == SINGLE)) + 1
 
     def _guess(self, begin: int, end: int) -> Floats:
         """The state at a sample, from a parabola through the next few."""
@@ -362,7 +407,8 @@ class _Fit:
         """Residuals (P, length, channels) in standard deviations, and derivatives (.., 4 + k)."""
         n, length = pieces.inside.shape
         k, log = len(p), self.log
-        substeps = math.ceil(log.period / STEP - 1e-9)
+        longest = min(STEP, 1 / self.params.motor_pole)
+        substeps = math.ceil(log.period / longest - 1e-9)
         measured, sd = self._measured()
         free = {name: getattr(BUILDABLE, name) for name in self.free}  # alike for all: p counts
         model = dataclasses.replace(self.params, pendulum_reach=None, **free)

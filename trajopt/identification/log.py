@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +27,16 @@ JITTER = 0.1
 BEYOND = 0.1
 
 #: How far short of a touchdown the leg may be when the foot changes, beyond what it moves from one
-#: sample to the next (rad).
-EARLY = 0.03
+#: sample to the next, and how far past it, in the median (rad).
+OFF = 0.03
 
 #: Least length of a log (s), least turn of the pendulum in it (rad), and most time between samples
 #: (s), in which a wheel takes a large part of a step.
 SHORTEST, STILLEST, COARSEST = 0.3, 0.2, 0.1
+
+
+#: What reading a damaged archive may raise.
+_BROKEN = zipfile.BadZipFile, zlib.error
 
 
 class LogError(ValueError):
@@ -94,8 +99,12 @@ class Log:
                 f"time: {steps[k]:.6g} s pass from sample {k} to the next, and {self.period:.6g} s "
                 "usually; the clock must not jump: leave out the log before or after it"
             )
-        if not np.isin(self.mode, (SINGLE, DOUBLE)).all():
-            raise LogError(f"mode: must be {SINGLE} (single stance) or {DOUBLE} (double stance)")
+        if not (known := np.isin(self.mode, (SINGLE, DOUBLE))).all():
+            k = int(known.argmin())
+            raise LogError(
+                f"mode: is {self.mode[k]:g} at sample {k}; must be {SINGLE} (single stance) or "
+                f"{DOUBLE} (double stance)"
+            )
 
     def __len__(self) -> int:
         return len(np.atleast_1d(self.time))
@@ -119,11 +128,14 @@ class Log:
                 with np.load(path, allow_pickle=False) as data:
                     columns = {name: data[name] for name in data.files}
             else:
-                table = np.genfromtxt(path, delimiter=",", names=True, ndmin=1)
+                # a table of a spreadsheet may begin with a byte order mark
+                if not (text := path.read_text("utf-8-sig").splitlines()):
+                    raise ValueError("empty")
+                table = np.genfromtxt(text, delimiter=",", names=True, ndmin=1)
                 columns = {name: table[name] for name in table.dtype.names or ()}
         except FileNotFoundError as error:
             raise FileNotFoundError(f"{path}: not found; `rimless log` writes a log") from error
-        except (OSError, ValueError, IndexError, TypeError, zipfile.BadZipFile) as error:
+        except (OSError, EOFError, ValueError, LookupError, TypeError, *_BROKEN) as error:
             (first, *_) = str(error).splitlines() or [repr(error)]
             raise LogError(f"{path}: damaged, or no log ({first})") from error
         if missing := [name for name in NEEDED if name not in columns]:
@@ -136,7 +148,8 @@ class Log:
         columns = {name: getattr(self, name) for name in (*NEEDED, *OPTIONAL)}
         columns = {name: column for name, column in columns.items() if column is not None}
         if path.suffix.lower() == ".npz":
-            np.savez_compressed(path, **columns)
+            with path.open("wb") as file:  # numpy adds another suffix to a name in capitals
+                np.savez_compressed(file, **columns)
         else:
             table = np.column_stack(list(columns.values()))
             np.savetxt(path, table, "%.15g", ",", header=",".join(columns), comments="")
@@ -152,9 +165,11 @@ def require_usable(log: Log, params: WheelParams) -> None:
             f"phi = {log.phi[outside.argmax()]:.4g}: must be from {c.a:.3g} to {c.b:.3g} rad, "
             f"where the {params.n_legs} legs touch down; degrees, or another machine?"
         )
-    if (early := _before_touchdowns(log, c.a, c.b)) > EARLY:
+    early, late = _touchdowns_off(log, c.a, c.b)
+    if max(early, late) > OFF:
+        off, where = (early, "before") if early > late else (late, "after")
         raise LogError(
-            f"foot: it changes {early:.2g} rad before the leg is where {params.n_legs} legs touch "
+            f"foot: it changes {off:.2g} rad {where} the leg is where {params.n_legs} legs touch "
             "down; another machine, or an angle that is not measured from the ground?"
         )
     if log.period > COARSEST:
@@ -177,14 +192,16 @@ def require_usable(log: Log, params: WheelParams) -> None:
         )
 
 
-def _before_touchdowns(log: Log, first: float, last: float) -> float:
-    """How far short of a touchdown the leg is when the foot changes (rad), in the median.
+def _touchdowns_off(log: Log, first: float, last: float) -> tuple[float, float]:
+    """How far short of a touchdown the leg is when the foot changes, and how far past it (rad).
 
-    What it moves from one sample to the next is taken off. Touchdowns are at `first` and `last`.
+    In the median; what it moves from one sample to the next is taken off where it is short.
+    Touchdowns are at `first` and `last`.
     """
     k = np.flatnonzero(np.diff(log.foot) * (log.mode[:-1] == SINGLE))
     k = k[k > 0]
     if not len(k):
-        return 0.0
+        return 0.0, 0.0
     left = np.minimum(log.phi[k] - first, last - log.phi[k])
-    return float(np.median(left - np.abs(log.phi[k] - log.phi[k - 1])))
+    moved = np.abs(log.phi[k] - log.phi[k - 1])
+    return float(np.median(left - moved)), float(np.median(-left))

@@ -249,3 +249,18 @@ def test_warmup_compiles_every_part_and_prints_how_long_each_took(
     assert [line.partition(":")[0] for line in lines] == [
         *("environment", "vector environment", "evaluation", "reference simulator"),
     ]
+
+
+def test_a_log_is_written_and_the_machine_identified_from_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    walk, machine = tmp_path / "walk.csv", tmp_path / "machine.json"
+    changed = ["--params", "motor_constant=0.0222"]
+    assert main(["log", "random", *changed, "--seconds", "2", "--out", str(walk)]) == 0
+    assert "walk.csv: 200 samples, 1.99 s" in capsys.readouterr().out
+    assert main(["identify", str(walk), "--out", str(machine)]) == 0
+    assert "motor_constant" in capsys.readouterr().out
+    assert json.loads(machine.read_text())["motor_constant"] == pytest.approx(0.0222, rel=3e-3)
+    assert main(["identify", str(walk), "--out", str(walk)]) == REFUSED
+    assert "must end in .json" in capsys.readouterr().err
+    assert walk.read_text().startswith("time,phi")
