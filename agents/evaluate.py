@@ -214,8 +214,18 @@ def evaluate(
     starts = real_array("starts", starts)
     if starts.ndim != 2 or starts.shape[1] != STATE_SIZE or not np.isfinite(starts).all():
         raise ValueError(f"starts: must be finite, of shape (N, {STATE_SIZE})")
-    if machines is not None and len(machines) != len(starts):
-        raise ValueError(f"machines: {len(machines)} for {len(starts)} starts; give one for each")
+    if machines is not None:
+        machines = tuple(machines)
+        if len(machines) != len(starts):
+            raise ValueError(
+                f"machines: {len(machines)} for {len(starts)} starts; give one for each"
+            )
+        for k, machine in enumerate(machines):
+            require_kind(f"machines[{k}]", machine, WheelParams)
+            if machine.n_legs != params.n_legs:
+                raise ValueError(
+                    f"machines[{k}]: n_legs = {machine.n_legs}: must be {params.n_legs}, as of params"
+                )
     task, period = as_task(task, conditions.default_task), conditions.control.period
     if protocol.alive < period:
         raise ValueError(

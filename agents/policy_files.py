@@ -351,7 +351,8 @@ def named_policy(
         trust_pickle: see `load_policy`.
 
     Raises:
-        ValueError: the gait is of another machine than `params`.
+        ValueError: the gait is of another machine than `params`, or for the adaptive controller of
+            another number of legs.
         CheckpointError: there is no such law, policy or function, or the policy is for another
             machine.
         NoGaitError: there is no gait to hold.
@@ -368,9 +369,15 @@ def named_policy(
         policy = controller_policy(gait.params, laws.design(name, gait))
         return NamedPolicy(policy, Conditions(gait.params), name, gait=gait)
     if name == ADAPTIVE:
-        nominal = nearest_preset(params or BUILDABLE)
-        adaptive = AdaptivePolicy(AdaptiveController.about(gait := gait_for(nominal)))
-        return NamedPolicy(adaptive, Conditions(params or nominal), name, gait=gait)
+        gait = gait_for(nearest_preset(params or BUILDABLE))
+        walking = params or gait.params
+        if walking.n_legs != gait.params.n_legs:
+            raise ValueError(
+                f"{name}: n_legs = {walking.n_legs}: must be {gait.params.n_legs}, as of the gait's "
+                "machine: legs are not identified; give a gait of a wheel with as many"
+            )
+        adaptive = AdaptivePolicy(AdaptiveController.about(gait))
+        return NamedPolicy(adaptive, Conditions(walking), name, gait=gait)
     if ":" in name and not Path(name).exists():
         return NamedPolicy(_imported(name), Conditions(params or BUILDABLE), name)
     loaded = load_policy(name, params, trust_pickle=trust_pickle)

@@ -112,6 +112,8 @@ def test_every_start_may_have_a_machine_of_its_own():
             np.testing.assert_array_equal(getattr(mixed, name)[k::2], getattr(alone, name), name)
     with pytest.raises(ValueError, match="machines: 7 for 8 starts"):
         evaluate(push, STICKY, SMALL, starts=starts, machines=machines[:7])
+    with pytest.raises(ValueError, match=r"machines\[7\]: n_legs = 9: must be 5"):
+        evaluate(push, STICKY, starts=starts, machines=[*machines[:7], STICKY.replace(n_legs=9)])
 
 
 def test_a_policy_of_zeros_rests_and_its_evaluation_is_plain_json():

@@ -297,3 +297,5 @@ def test_a_law_holds_the_gait_that_is_found_for_the_machine(monkeypatch):
 def test_a_law_refuses_a_gait_of_another_machine():
     with pytest.raises(ValueError, match="lqr: is to hold a gait of another machine"):
         named_policy("lqr", thesis_gait, PROTOTYPE)
+    with pytest.raises(ValueError, match="adaptive: n_legs = 7: must be 5"):
+        named_policy("adaptive", thesis_gait, BUILDABLE)  # legs are not identified
