@@ -224,7 +224,8 @@ def evaluate(
             require_kind(f"machines[{k}]", machine, WheelParams)
             if machine.n_legs != params.n_legs:
                 raise ValueError(
-                    f"machines[{k}]: n_legs = {machine.n_legs}: must be {params.n_legs}, as of params"
+                    f"machines[{k}]: n_legs = {machine.n_legs}: must be {params.n_legs}, as of "
+                    "params"
                 )
     task, period = as_task(task, conditions.default_task), conditions.control.period
     if protocol.alive < period:

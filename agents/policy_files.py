@@ -373,8 +373,8 @@ def named_policy(
         walking = params or gait.params
         if walking.n_legs != gait.params.n_legs:
             raise ValueError(
-                f"{name}: n_legs = {walking.n_legs}: must be {gait.params.n_legs}, as of the gait's "
-                "machine: legs are not identified; give a gait of a wheel with as many"
+                f"{name}: n_legs = {walking.n_legs}: must be {gait.params.n_legs}, as of the "
+                "gait's machine: legs are not identified; give a gait of a wheel with as many"
             )
         adaptive = AdaptivePolicy(AdaptiveController.about(gait))
         return NamedPolicy(adaptive, Conditions(walking), name, gait=gait)
