@@ -406,6 +406,7 @@ def episodes(
     running, lengths = np.ones(envs.num_envs, dtype=bool), np.zeros(envs.num_envs, dtype=int)
     seen, noted, steps = [observations], [[info[name] for name in keep]], []
     length = envs.max_episode_steps
+    policy = begun(policy, envs.params, lambda: running.nonzero()[0])
     with progress_bar(progress or "", bool(progress), total=length, leave=False) as bar:
         while running.any():
             rows = running.nonzero()[0]

@@ -32,8 +32,7 @@ from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.gait_table import law_about
 from trajopt.feedback.law import Law
-from trajopt.feedback.laws import tuned
-from trajopt.gaits.fronts import shipped_front
+from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.identification.fit import PHYSICAL
 from trajopt.pool import run
 from trajopt.store import Store, key
@@ -250,8 +249,6 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     held: Law | str = law
     if law == "gentle":
         held = law_about(gait, ahead=None)
-    elif law == "tuned":
-        held = tuned.design(gait, folder)
     return controller_policy(BUILDABLE, laws.design(held, gait, folder))
 
 
@@ -275,7 +272,9 @@ def walked(task: CaseWalks) -> dict[str, Any]:
     result = evaluate(
         policy_of(task.candidate, task.folder),
         BUILDABLE,
-        dataclasses.replace(SHORT_PROTOCOL, duration=task.seconds),
+        dataclasses.replace(
+            SHORT_PROTOCOL, duration=task.seconds, seed=SHORT_PROTOCOL.seed + task.first
+        ),
         starts=np.stack([draw_start(machine, rng) for machine in task.machines]),
         machines=task.machines,
         disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
@@ -327,8 +326,8 @@ def optimal(task: OwnGait) -> dict[str, Any]:
     return {"cot": min(costs, default=None)}
 
 
-def _speed(machine: WheelParams, ticks: int) -> float:
-    return machine.step_length / (ticks * CONTROL_PERIOD)
+def _speed(ticks: int) -> float:
+    return BUILDABLE.step_length / (ticks * CONTROL_PERIOD)
 
 
 def table(
@@ -356,11 +355,15 @@ def _gap(walk: Walk, costs: Mapping[tuple[WheelParams, int], float | None]) -> f
     if not walk.walks or (cost := costs[walk.machine, walk.ticks]) is None:
         return None
     # between whole periods the optimum is as much higher or lower as the nominal machine's
-    front, at = (
-        shipped_front(BUILDABLE),
-        walk.speed * BUILDABLE.step_length / walk.machine.step_length,
-    )
-    return float(walk.cot / cost * front(_speed(BUILDABLE, walk.ticks)) / front(at) - 1)
+    front, at = one_step_front(), walk.speed * BUILDABLE.step_length / walk.machine.step_length
+    return float(walk.cot / cost * front(_speed(walk.ticks)) / front(at) - 1)
+
+
+@lru_cache
+def one_step_front() -> CotFront:
+    """The nominal machine's gaits of one step, which all optima here are."""
+    gaits = shipped_front(BUILDABLE).solutions
+    return CotFront(tuple(gait for gait in gaits if gait.steps == 1))
 
 
 def _title(candidate: str) -> str:
@@ -368,4 +371,4 @@ def _title(candidate: str) -> str:
     ticks = CANDIDATES[candidate]
     if ticks is None:
         return f"`{candidate}`"
-    return f"`{candidate.split()[0]}`, {_speed(BUILDABLE, ticks):.3f} m/s"
+    return f"`{candidate.split()[0]}`, {_speed(ticks):.3f} m/s"

@@ -47,7 +47,7 @@ from trajopt.feedback.orbit import has_clock, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import Noise, identify
+from trajopt.identification.fit import Noise, identify, tolerances
 from trajopt.identification.log import Log, LogError
 
 #: After so many fits a machine far from the table's, and one that is to walk at another speed, has
@@ -82,7 +82,8 @@ LONGER = 3
 LANDING = 0.75
 
 #: When a machine is first identified, and then again and again (s). What earlier fits have found
-#: is known to the next one, which takes it to be less sure: its covariance so many times larger.
+#: is known to the next one, which takes it to be less sure: it has so many times less information
+#: from them (`forgotten`).
 FIRST, EVERY, FORGETTING = 2.0, 4.0, 1.2
 _FIRST, _EVERY = round(FIRST / CONTROL_PERIOD), round(EVERY / CONTROL_PERIOD)
 
@@ -106,6 +107,16 @@ class Plan(NamedTuple):
     fits: int
     shorter: int
     law: Floats
+
+
+def forgotten(covariance: Floats, prior: Floats) -> Floats:
+    """A covariance (k, k) with less information, but for that of the deviations before, (k,).
+
+    Without the latter, directions that no log shows would be less and less known.
+    """
+    scale = np.outer(prior, prior)
+    kept = np.linalg.inv(covariance / scale) / FORGETTING
+    return np.asarray(np.linalg.inv(kept + (1 - 1 / FORGETTING) * np.eye(len(prior))) * scale)
 
 
 def sturdy(gait: Solution) -> Solution:
@@ -307,7 +318,7 @@ class AdaptiveWalks:
         self, rows: NDArray[np.int64], states: Floats, modes: NDArray[np.int64], feet: Floats
     ) -> Floats:
         """Voltages of some walks: their numbers (M,), states (M, 4), modes and stance feet (M,)."""
-        due = self.tick in (_FIRST, 2 * _FIRST) or (self.tick and self.tick % _EVERY == 0)
+        due = self.tick == _FIRST or (self.tick and self.tick % _EVERY == 0)
         for i, row in enumerate(rows.tolist()):
             if self._ready(row, states[i]):
                 self.plans[row] = self._next[row].pop(0)
@@ -405,6 +416,7 @@ class AdaptiveWalks:
         samples = memory[~np.isnan(memory[:, 0])]
         self._memory[row] = np.nan
         known, candidates = not np.isnan(self._covariance[row]).any(), []
+        prior = tolerances(table.params, table.names)
         for delay in [self.delays[row]] if known else (0, 1):
             phi, theta, foot, mode, _ = samples[delay:].T
             time = np.asarray(CONTROL_PERIOD * np.arange(len(phi)), dtype=np.float64)
@@ -413,7 +425,7 @@ class AdaptiveWalks:
                     Log(time, phi, theta, foot, mode, samples[: len(phi), 4]),
                     self.machines[row] if known else table.params,
                     table.names,
-                    covariance=FORGETTING * self._covariance[row] if known else None,
+                    covariance=forgotten(self._covariance[row], prior) if known else None,
                     noise=Noise(angle=self.controller.encoders),
                 )
             except LogError:

@@ -5,8 +5,8 @@ unknown state at the piece's start, under the logged voltage, and compared with 
 derivatives by that state and by the parameters are CasADi's, of the model that everything else
 uses (`rimless_gym.symbolic`). The states are eliminated piece by piece (Bock, Recent Advances in
 Parameter Identification Techniques for ODE, 1983), first of short pieces, which converge from
-afar, then of whole stances, which hold more information. The log of a wheel that falls counts
-until then.
+afar, then of stances, which hold more information. The log of a wheel that falls counts until
+then.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def identify(
     require_usable(log, params)
     free = physical(params) if free is None else tuple(free)
     if covariance is None:
-        before = np.diag(_scales(params, free, tolerance) ** 2)
+        before = np.diag(tolerances(params, free, tolerance) ** 2)
     else:
         _require_motion(params, free)
         before = _covariance(covariance, len(free))
@@ -228,10 +228,12 @@ def _has(log: Log, name: str) -> bool:
     return getattr(log, name) is not None
 
 
-def _scales(
-    params: WheelParams, free: tuple[str, ...], tolerance: float | Mapping[str, float]
+def tolerances(
+    params: WheelParams,
+    free: tuple[str, ...],
+    tolerance: float | Mapping[str, float] = TOLERANCE,
 ) -> Floats:
-    """The standard deviations of the parameters before."""
+    """The standard deviations (k,) of the parameters before; see `identify`."""
     _require_motion(params, free)
     share = TOLERANCE if isinstance(tolerance, Mapping) else positive("tolerance", tolerance)
     given = tolerance if isinstance(tolerance, Mapping) else {}
@@ -265,10 +267,12 @@ def _covariance(covariance: Floats, k: int) -> Floats:
     given = real_array("covariance", covariance)
     if given.shape != (k, k):
         raise ValueError(f"covariance: has shape {given.shape}; must be {(k, k)}")
-    symmetric = np.isfinite(given).all() and np.allclose(given, given.T)
-    if not symmetric or not np.linalg.eigvalsh(given)[0] > 0:
-        raise ValueError("covariance: must be finite, symmetric and positive definite")
-    return given
+    if np.isfinite(given).all() and (np.diag(given) > 0).all():
+        deviations = np.sqrt(np.diag(given))  # of parameters in different units
+        correlation = given / np.outer(deviations, deviations)
+        if np.allclose(correlation, correlation.T) and np.linalg.eigvalsh(correlation)[0] > 0:
+            return given
+    raise ValueError("covariance: must be finite, symmetric and positive definite")
 
 
 class _Pieces(NamedTuple):

@@ -31,7 +31,6 @@ from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.controller import ContactGuard, SwitchingController
 from trajopt.feedback.law import Floats, Law
-from trajopt.feedback.laws import tuned
 from trajopt.feedback.transverse import multipliers as multipliers_of
 
 #: The gaits of the study: preset and speed (m/s). Their voltage is held for a control period.
@@ -124,9 +123,7 @@ class Subject:
     @cached_property
     def law(self) -> Law:
         """By itself."""
-        if self.name == "tuned":  # it takes minutes, once for all processes
-            return tuned.design(self.gait, self.folder)
-        return laws.holding(self.name, self.gait)
+        return laws.holding(self.name, self.gait, self.folder)
 
     @cached_property
     def policy(self) -> Policy:

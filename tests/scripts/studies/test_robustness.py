@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE
 from scripts.studies import robustness
-from trajopt.gaits.fronts import shipped_front
+from trajopt import periodic_gait
 from trajopt.identification.fit import PHYSICAL
 
 
@@ -38,7 +39,7 @@ def test_all_walks_of_a_case_are_in_parts_whose_machines_differ(monkeypatch, tmp
 
 def test_a_walk_is_compared_with_its_machines_optimum_at_its_speed():
     """Between whole control periods the optimum changes with speed as the nominal machine's."""
-    front, longer = shipped_front(BUILDABLE), BUILDABLE.replace(leg_length=0.301)
+    front, longer = robustness.one_step_front(), BUILDABLE.replace(leg_length=0.301)
     speed = BUILDABLE.step_length / 0.46
     exact = robustness.Walk(BUILDABLE, speed, 1.1 * front(speed))
     faster = robustness.Walk(BUILDABLE, 1.004 * speed, 1.2 * front(1.004 * speed))
@@ -49,6 +50,21 @@ def test_a_walk_is_compared_with_its_machines_optimum_at_its_speed():
     walks = {("some", "lqr 46"): [exact, faster, fell]}
     text = robustness.table({"some": case}, ["lqr 46"], walks, costs)
     assert "some (3) | +15.0 % (67 %)" in text
+
+
+def test_a_walk_between_two_optima_is_compared_with_what_lies_between_them():
+    """Half way between whole periods the reference changes, by next to nothing."""
+    costs = {
+        (BUILDABLE, n): periodic_gait(BUILDABLE, step_time=n / 100, hold=0.01, progress=False).cot
+        for n in (46, 47)
+    }
+    middle = math.sqrt(math.prod(costs.values()))
+    case = robustness.Variation((BUILDABLE,))
+    for ticks in (46.499, 46.501):
+        walk = robustness.Walk(BUILDABLE, BUILDABLE.step_length / (ticks / 100), 1.1 * middle)
+        text = robustness.table({"some": case}, ["lqr 46"], {("some", "lqr 46"): [walk]}, costs)
+        (gap,) = re.findall(r"\| ([+\d.]+) % \(100 %\)", text)
+        assert float(gap) == pytest.approx(10.0, abs=0.31)
 
 
 def test_machines_walk_side_by_side_as_they_do_alone(tmp_path):

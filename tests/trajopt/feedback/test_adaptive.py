@@ -14,7 +14,7 @@ from agents.rollout import AdaptivePolicy, Rollout
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, advance, hybrid_states
 from trajopt.feedback import adaptive
-from trajopt.feedback.adaptive import AdaptiveController, sturdy
+from trajopt.feedback.adaptive import AdaptiveController, forgotten, sturdy
 from trajopt.feedback.gait_table import ALIKE, GaitTable, flat, gains_of
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
@@ -182,15 +182,40 @@ def test_the_angles_of_an_identified_machine_are_filtered_but_not_after_a_push(
     np.testing.assert_allclose(volts(pushed), law(pushed), atol=1e-9)
 
 
-def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(controller) -> None:
+def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(
+    controller, monkeypatch
+) -> None:
+    """One walk ends; the last one has been identified: its angles are filtered."""
+    begun = []
+    begin = AdaptiveController.begin
+
+    def identified(made, n):
+        begun.append(begin(made, n))
+        known = np.arange(n) == n - 1
+        begun[-1].restore({**begun[-1].state(), "identified": known.astype(np.int64)})
+        return begun[-1]
+
+    monkeypatch.setattr(AdaptiveController, "begin", identified)
     rows = itertools.chain([np.arange(3)], itertools.repeat(np.array([0, 2])))
-    held = controller.table.gait
-    x = hybrid_states(held.state([0.1, 0.2, 0.3]), SINGLE)
+    x = hybrid_states(controller.table.gait.state([0.1, 0.2, 0.3]), SINGLE)
     machines = (controller.params,) * 3
     policy = AdaptivePolicy(controller).begin(machines, lambda: next(rows))
-    alone = AdaptivePolicy(controller).begin(machines, lambda: np.arange(3))
-    policy(x, None), alone(x, None)
-    np.testing.assert_array_equal(policy(x[[0, 2]], None), alone(x, None)[[0, 2]])
+    together = AdaptivePolicy(controller).begin(machines, lambda: np.arange(3))
+    policy(x, None), together(x, None)
+    x[:, 0] += 0.003  # which a filter takes for noise
+    np.testing.assert_array_equal(policy(x[[0, 2]], None), together(x, None)[[0, 2]])
+
+
+def test_what_no_log_shows_is_known_no_less_after_many_fits() -> None:
+    prior = np.array([0.07, 3e-3, 0.5])
+    shown = np.diag([1.0, 1e-3, 0.0]) / prior**2  # information of each log
+    covariance = np.diag(prior**2)
+    for _ in range(300):
+        covariance = np.linalg.inv(np.linalg.inv(forgotten(covariance, prior)) + shown)
+    deviations = np.sqrt(np.diag(covariance))
+    assert deviations[2] == pytest.approx(prior[2])
+    assert deviations[1] < prior[1]
+    assert deviations[0] < 0.5 * prior[0]
 
 
 def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(controller, held):

@@ -1,5 +1,7 @@
 """The feedback laws that hold a gait, one per file, named after it: each has `design(solution)`.
 
+One that takes minutes has `design(solution, folder)`, and stores there what it found.
+
 A new law is one new file in this folder. `design(name, solution)` here puts the start-up controller
 and the contact guard around it, so that it starts from rest and finds its gait after a push; the
 comparison of laws and policies includes it. A law that is not in the folder may be given in place
@@ -9,6 +11,7 @@ of a name.
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 import reprlib
 import warnings
@@ -30,7 +33,7 @@ def names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(__path__))
 
 
-def holding(law: str | Law, solution: Solution) -> Law:
+def holding(law: str | Law, solution: Solution, folder: Path | None = None) -> Law:
     """The law of this name about a gait, by itself: it holds the gait, but does not lead to it.
 
     Warns if the law's multipliers are those of one that does not hold it
@@ -39,6 +42,7 @@ def holding(law: str | Law, solution: Solution) -> Law:
     Args:
         law: its name, or a law that was designed for this gait, which is returned.
         solution: the gait.
+        folder: where a law stores what takes minutes, for other processes; None: nowhere.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -51,7 +55,9 @@ def holding(law: str | Law, solution: Solution) -> Law:
     if isinstance(law, str):
         if law not in names():
             raise ValueError(f"law = {law!r}: choose from {names()}")
-        law = importlib.import_module(f"{__name__}.{law}").design(solution)
+        designed = importlib.import_module(f"{__name__}.{law}").design
+        stores = "folder" in inspect.signature(designed).parameters
+        law = designed(solution, folder=folder) if stores else designed(solution)
     if not isinstance(law, Law):
         raise TypeError(
             f"law = {reprlib.repr(law)}: must be one of {names()}, or a trajopt.feedback.law.Law"
@@ -75,7 +81,7 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
     Args:
         law: see `holding`.
         solution: the gait.
-        folder: where the start-up controller is stored, for other processes; None: nowhere.
+        folder: where the start-up controller is stored, too.
 
     Raises:
         TypeError, ValueError: see `holding`; or the start-up controller's file is damaged.
@@ -84,7 +90,7 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
     from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
     from trajopt.feedback.startup import lost_return, near_for, startup_for
 
-    law = holding(law, solution)
+    law = holding(law, solution, folder)
     near = near_for(law)
     startup = startup_for(law, near, lost_return(solution), folder)
     switching = SwitchingController(law, startup, law.reach * near)

@@ -88,8 +88,10 @@ def design(solution: Solution, folder: Path | None = None) -> Law:
     """
     if folder is None:
         return law_with(solution, tune(solution))
-    store, orbit = Store(folder), law_about(solution, ahead=None).data.orbit.states
-    name = key("tuned", params=solution.params, orbit=orbit)
+    store, first = Store(folder), law_about(solution, ahead=None).data
+    search = {"share": SHARE, "generations": GENERATIONS, "spread": SPREAD, "loss": LOSS_WEIGHT}
+    gains = (first.gentle, first.firm, first.blend)
+    name = key("tuned", params=solution.params, orbit=first.orbit.states, gains=gains, **search)
     if name not in store:
         store.save(name, tune(solution))
     return law_with(solution, store.load(name))
