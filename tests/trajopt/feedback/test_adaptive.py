@@ -201,7 +201,9 @@ def test_a_policy_keeps_the_memories_of_walks_apart_when_others_have_ended(
     machines = (controller.params,) * 3
     policy = AdaptivePolicy(controller).begin(machines, lambda: next(rows))
     together = AdaptivePolicy(controller).begin(machines, lambda: np.arange(3))
-    policy(x, None), together(x, None)
+    volts = controller.params.voltage_limit * policy(x, None)
+    together(x, None)
+    advance(controller.params, x, volts)
     x[:, 0] += 0.003  # which a filter takes for noise
     np.testing.assert_array_equal(policy(x[[0, 2]], None), together(x, None)[[0, 2]])
 
