@@ -192,10 +192,10 @@ def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | Non
     return None
 
 
-def law_about(gait: Solution, blend: float = BLEND, ahead: float | None = lqr.AHEAD) -> Law:
+def law_about(gait: Solution, ahead: float | None = lqr.AHEAD) -> Law:
     """The LQR about a gait, as the table has it; without a clock if `ahead` is None."""
     law = lqr.design(gait, GENTLE, ahead)
-    return dataclasses.replace(law, data=law.data._replace(blend=blend))
+    return dataclasses.replace(law, data=law.data._replace(blend=BLEND))
 
 
 def flat(data: lqr.LqrGains) -> Floats:
