@@ -34,7 +34,7 @@ from trajopt.feedback.law import Law
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.identification.fit import PHYSICAL
 from trajopt.pool import run
-from trajopt.store import Store, key
+from trajopt.store import Store, file_digest, key
 
 MARKS = markdown.marks("robustness", ("machines",))
 
@@ -132,7 +132,7 @@ def robustness(
     hours of one core; after Ctrl-C or a kill, the same command continues.
 
     Args:
-        out: folder of the study.
+        out: folder of the study; after a change of the code, take another one.
         machines: how many are drawn for each level; each walks from one start.
         starts: of each other machine.
         seconds: of a walk, of which the last 10 are measured.
@@ -215,7 +215,10 @@ def walks_of(case: Variation, candidate: str, seconds: float, folder: Path) -> l
 def _key(task: CaseWalks | OwnGait) -> str:
     """The name of a result: what it depends on, but for the code."""
     values = {name: value for name, value in task._asdict().items() if name != "folder"}
-    return key(getattr(task, "candidate", "optimum"), **values)
+    candidate = getattr(task, "candidate", "optimum")
+    if candidate in PRETRAINED:
+        values["file"] = file_digest(PRETRAINED[candidate])
+    return key(candidate, **values)
 
 
 def _compute(store: Store, tasks: Sequence[Any], function: Any, workers: int | None) -> None:
