@@ -121,7 +121,7 @@ class OwnLaws:
 
     def begin(self, machines: Sequence[WheelParams], running: Running) -> Policy:
         """See `agents.rollout.begun`."""
-        own = lru_cache(None)(lambda row: self.own(machines[row]))
+        own = lru_cache(None)(lambda row: self.controller_for(machines[row]))
 
         def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
             rows, actions = running(), np.empty(len(states))
@@ -139,7 +139,7 @@ class OwnLaws:
         machines = (self.controller.params,)
         return self.begin(machines, lambda: np.zeros(len(states), np.int64))(states, observations)
 
-    def own(self, machine: WheelParams) -> Controller:
+    def controller_for(self, machine: WheelParams) -> Controller:
         """A machine's own law, which acts from farther away: by as much as the gaits are apart.
 
         What imitates it walks about the nominal gait at first. Labels of the start-up there, which
@@ -147,11 +147,11 @@ class OwnLaws:
         """
         controller, gait = self.controller, self.controller.table.gait
         if not controller.table.has(machine.slope):
-            return controller.own(machine)
+            return controller.controller_for(machine)
         law, places = controller.law_of(machine), (np.arange(COMPARED) + 0.5) / COMPARED
         states = np.ascontiguousarray(gait.state(gait.duration * places))
         apart = float(np.sqrt(squared_distances(states, law.data.orbit)).max())
-        return controller.guarded(law, 1.0 + apart / controller.near)
+        return controller.with_startup(law, 1.0 + apart / controller.near)
 
 
 class ScheduledLaw(NamedTuple):

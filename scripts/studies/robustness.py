@@ -32,7 +32,7 @@ from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.gait_table import law_about, own_gait
 from trajopt.feedback.law import Law
 from trajopt.gaits.fronts import CotFront, shipped_front
-from trajopt.identification.fit import PHYSICAL
+from trajopt.identification.fit import PHYSICAL, machines_within
 from trajopt.pool import run
 from trajopt.store import Store, file_digest, key
 
@@ -172,9 +172,7 @@ def cases(count: int, starts: int) -> dict[str, dict[str, Variation]]:
     drawn = np.random.default_rng(SEED).uniform(-1.0, 1.0, (count, len(PHYSICAL)))
     several = {
         f"all within {100 * level:g} %": Variation(
-            tuple(_scaled(dict(zip(PHYSICAL, 1 + level * each, strict=True))) for each in drawn)
-            if level
-            else (BUILDABLE,) * starts
+            machines_within(BUILDABLE, level, drawn) if level else (BUILDABLE,) * starts
         )
         for level in LEVELS
     }

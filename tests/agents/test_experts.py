@@ -80,7 +80,9 @@ def test_a_machines_own_law_acts_from_as_far_away_as_its_gait_is_from_the_nomina
     controller = SimpleNamespace(
         table=SimpleNamespace(gait=nominal, has=lambda slope: True),
         law_of=lambda machine: own,
-        guarded=lambda law, wider: wider,
+        with_startup=lambda law, wider: wider,
         near=0.05,
     )
-    assert OwnLaws(controller).own(BUILDABLE) == pytest.approx(1.0 + 0.1 / 0.05, rel=1e-3)
+    assert OwnLaws(controller).controller_for(BUILDABLE) == pytest.approx(
+        1.0 + 0.1 / 0.05, rel=1e-3
+    )

@@ -133,7 +133,7 @@ def test_commanded_speeds_change_within_the_walks_that_teach():
 class OfPendulum(OwnLaws):
     """Each machine's law asks for its pendulum's length."""
 
-    def own(self, machine):
+    def controller_for(self, machine):
         return lambda x, modes: np.full(len(x), machine.pendulum_length)
 
 

@@ -184,7 +184,7 @@ class AdaptiveController:
         """Of the contact guard, which must not act on either gait."""
         return min(margin_for(self.table.gait), margin_for(self.wanted))
 
-    def guarded(self, law: Law, wider: float = 1.0) -> ContactGuard:
+    def with_startup(self, law: Law, wider: float = 1.0) -> ContactGuard:
         """A law with what leads to its gait, from the gait that is walked first."""
         startup = dataclasses.replace(self.startup_on(law.params.slope), params=law.params)
         switching = SwitchingController(law, startup, wider * self.near)
@@ -210,7 +210,7 @@ class AdaptiveController:
             self.on_slopes[degrees] = startup
         return self.on_slopes[degrees]
 
-    def own(self, params: WheelParams) -> ContactGuard:
+    def controller_for(self, params: WheelParams) -> ContactGuard:
         """The table's law about a machine's own gait, with what leads to it.
 
         On a slope that the table does not have, the start-up controller by itself.
@@ -218,17 +218,17 @@ class AdaptiveController:
         if not self.table.has(params.slope):
             startup = dataclasses.replace(self.startup_on(params.slope), params=params)
             return ContactGuard(params, startup, self.margin)
-        return self.guarded(self.law_of(params))
+        return self.with_startup(self.law_of(params))
 
     def law_of(self, params: WheelParams) -> Law:
         """The table's law about a machine's own gait."""
-        data = gains_of(self.table.at(params), self.table.law.data)
+        data = gains_of(self.table.flat_law(params), self.table.law.data)
         return Law(params, lqr.volts, data)
 
     def planned(self, params: WheelParams, law: Floats, shorter: int) -> ContactGuard:
         """A flat law about an identified machine's own gait, with what leads to it; see `Plan`."""
         data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
-        return self.guarded(Law(params, lqr.volts, data), WIDER[shorter > 0])
+        return self.with_startup(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
     def own_laws(self, params: WheelParams, first: int = 0) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
@@ -261,13 +261,13 @@ class AdaptiveController:
         The angles have the noise that is left after filtering. A slip is a failure, except with the
         first gait, to which the way may be far.
         """
-        guarded, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
+        controller, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
         rng, errors = np.random.default_rng(0), np.zeros((len(states), 4))
         for tick in range(ticks):
             noise = self.encoders * rng.standard_normal((len(states), 2))
             errors[:, :2] += CORRECTED * (noise - errors[:, :2])
-            volts = guarded(states[:, :4] + errors, states[:, MODE].astype(np.int64))
+            volts = controller(states[:, :4] + errors, states[:, MODE].astype(np.int64))
             out = advance(params, states, volts, CONTROL_PERIOD)
             slips = shorter > 0 and exceeds(out[:, ROW.friction_demand].max(), params.friction)
             off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
@@ -303,7 +303,7 @@ class AdaptiveWalks:
         self.controller, self.tick = controller, 0
         self.machines = [controller.params] * n
         self.identified, self.delays, self.longer = np.zeros((3, n), dtype=np.int64)
-        self._guarded = [controller.guarded(controller.table.law)] * n
+        self._controllers = [controller.with_startup(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
         self._next: list[list[Plan]] = [[] for _ in range(n)]
         # of what is known of each machine; NaN of one that is as in the table
@@ -395,20 +395,20 @@ class AdaptiveWalks:
         motion = self.machines[row], self._predicted[row : row + 1], self._commanded[row : row + 1]
         if self.delays[row]:
             advance(*motion, CONTROL_PERIOD)
-        self._commanded[row] = self._guarded[row](predicted[:4].copy(), int(predicted[MODE]))
+        self._commanded[row] = self._controllers[row](predicted[:4].copy(), int(predicted[MODE]))
         if not self.delays[row]:
             advance(*motion, CONTROL_PERIOD)
         return float(self._commanded[row])
 
     def _choose(self, row: int) -> None:
         """The law in use: the plan's, or else the table's or the nominal one."""
-        make, plan, machine = self.controller, self.plans[row], self.machines[row]
+        controller, plan, machine = self.controller, self.plans[row], self.machines[row]
         if plan is not None:
-            self._guarded[row] = make.planned(machine, plan.law, plan.shorter)
-        elif self.longer[row] and make.table.has(machine.slope):
-            self._guarded[row] = make.guarded(make.table.law)
+            self._controllers[row] = controller.planned(machine, plan.law, plan.shorter)
+        elif self.longer[row] and controller.table.has(machine.slope):
+            self._controllers[row] = controller.with_startup(controller.table.law)
         else:
-            self._guarded[row] = make.own(machine)
+            self._controllers[row] = controller.controller_for(machine)
 
     def _identify(self, row: int) -> None:
         """Another law, if what was logged since the last time is of some machine."""

@@ -124,7 +124,7 @@ class GaitTable:
         """Whether a machine is farther away than `FAR`, all parameters together."""
         return bool(np.linalg.norm(self.steps(params)) > FAR)
 
-    def at(self, params: WheelParams) -> Floats:
+    def flat_law(self, params: WheelParams) -> Floats:
         """The `flat` law of a machine, (m,); of the nearest one within `FAR`."""
         d = np.clip(self.steps(params), -FAR, FAR)[:, None]
         up, down = self.rows[1::2] - self.rows[0], self.rows[2::2] - self.rows[0]

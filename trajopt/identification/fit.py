@@ -224,6 +224,17 @@ def physical(params: WheelParams) -> tuple[str, ...]:
     return tuple(name for name in PHYSICAL if getattr(params, name))
 
 
+def machines_within(params: WheelParams, share: float, draws: Floats) -> tuple[WheelParams, ...]:
+    """N machines whose `physical` parameters, k of them, are within a share of those of `params`.
+
+    `draws` (N, k) in [-1, 1] say where in this range.
+    """
+    names = physical(params)
+    known = np.array([getattr(params, name) for name in names])
+    rows = (1.0 + share * draws) * known
+    return tuple(dataclasses.replace(params, **dict(zip(names, row, strict=True))) for row in rows)
+
+
 def _has(log: Log, name: str) -> bool:
     return getattr(log, name) is not None
 

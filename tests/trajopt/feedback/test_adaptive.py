@@ -47,10 +47,10 @@ def controller(held, law):
 
 def test_a_table_has_the_nominal_law_and_is_linear_between_its_machines(controller, law) -> None:
     table, nominal = controller.table, controller.params
-    np.testing.assert_array_equal(table.at(nominal), table.rows[0])
+    np.testing.assert_array_equal(table.flat_law(nominal), table.rows[0])
     for share in (0.02, 0.013):
         length = (1 + share) * nominal.pendulum_length
-        between = table.at(dataclasses.replace(nominal, pendulum_length=length))
+        between = table.flat_law(dataclasses.replace(nominal, pendulum_length=length))
         wanted = table.rows[0] + share / 0.02 * (table.rows[1] - table.rows[0])
         np.testing.assert_allclose(between, wanted, atol=1e-12)
     x = law.data.orbit.states[5:40:7] + 0.01
@@ -117,7 +117,7 @@ def test_a_voltage_that_comes_late_is_that_of_the_predicted_state(controller, he
     for _ in Rollout(late, policy, start, 240):
         assert walks.delays == (len(seen) > 200)
     assert (walks.identified, len(seen)) == (1, 240)
-    own = controller.own(walks.machines[0])
+    own = controller.controller_for(walks.machines[0])
     ahead = own(np.concatenate(seen[206:]), np.zeros(34, dtype=np.int64))
     np.testing.assert_allclose(np.concatenate(commanded[205:-1]), ahead, atol=0.05)
     assert np.abs(np.concatenate(commanded[206:]) - ahead).max() > 0.3

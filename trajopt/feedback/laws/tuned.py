@@ -41,7 +41,7 @@ from trajopt.feedback.gait_table import law_about
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
 from trajopt.gaits.solution import Solution
-from trajopt.identification.fit import physical
+from trajopt.identification.fit import machines_within, physical
 from trajopt.pool import cores, progress_bar
 from trajopt.store import Store, key
 
@@ -189,10 +189,8 @@ class Trial(NamedTuple):
         They begin at times that are drawn, too.
         """
         nominal = solution.params
-        known = {name: getattr(nominal, name) for name in physical(nominal)}
-        factors = 1.0 + share * rng.uniform(-1.0, 1.0, (MACHINES, len(known)))
-        drawn = (dict(zip(known, f * list(known.values()), strict=True)) for f in factors)
-        machines = tuple(dataclasses.replace(nominal, **each) for each in drawn)
+        draws = rng.uniform(-1.0, 1.0, (MACHINES, len(physical(nominal))))
+        machines = machines_within(nominal, share, draws)
         times = solution.duration * rng.uniform(size=MACHINES)
         return cls(machines, hybrid_states(solution.state(times), SINGLE).T)
 
