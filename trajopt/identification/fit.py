@@ -59,6 +59,9 @@ STEPS, HALVINGS, SMALL = 15, 6, 1e-3
 #: Standard deviations of a piece's first rates and angles (rad/s, rad): they are not known.
 FREE_START = np.array([10.0, 10.0, 100.0, 100.0])
 
+#: A piece whose squares per degree of freedom are so many times their median is left out.
+OUTLIER = 10.0
+
 #: A fit with a larger chi2 per degree of freedom is of another machine, or went wrong.
 MOST_CHI2 = 3.0
 
@@ -184,6 +187,10 @@ def identify(
         for longest in PASSES:
             pieces = fit.pieces(longest, starts)
             q, pieces, system = fit.solved(pieces, q)
+            for _ in range(len(pieces.begins) // FEWEST):
+                if (kept := fit.explained(pieces, system)) is None:
+                    break
+                q, pieces, system = fit.solved(kept, q)
             starts = dict(zip(pieces.begins.tolist(), pieces.states, strict=True))
     degrees = max(system.compared - 4 * len(pieces.begins) - len(free), 1)
     chi2 = system.squares / degrees
@@ -306,6 +313,7 @@ class _System(NamedTuple):
     # by how much each piece's state changes: own step (P, 4), and per step of the parameters (P, 4,
     # k)
     back: tuple[Floats, Floats]
+    each: Floats  # squares of every piece, shape (P,)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -347,19 +355,17 @@ class _Fit:
         return _Pieces(begins, inside, log.mode[begins], states)
 
     def _touching(self) -> NDArray[np.int64]:
-        """Samples where the leg is so near to a touchdown that it may have touched down.
+        """Samples where the leg turns back so near to a touchdown that it may have touched down.
 
         A wheel that rocks touches down and comes back between two samples, and the log does not
-        show it. So the leg must not turn back there, as far as errors let one see, or be about to
-        change.
+        show it.
         """
-        log, c, errors = self.log, self.params.constants, SHORT_OF * self.noise.angle
-        left = np.minimum(log.phi - c.a, c.b - log.phi)
-        same, moved = np.diff(log.foot) == 0, np.abs(np.diff(log.phi))
-        reach = np.maximum(moved[:-1], moved[1:] * same[1:]) + errors
-        turns = (left[1:-1] <= left[:-2] + errors) & same[:-1]
-        turns &= (left[1:-1] <= left[2:] + errors) | ~same[1:]
-        return np.flatnonzero(turns & (left[1:-1] < reach) & (log.mode[1:-1] == SINGLE)) + 1
+        log, c = self.log, self.params.constants
+        left, moved = np.minimum(log.phi - c.a, c.b - log.phi), np.abs(np.diff(log.phi))
+        reach = np.maximum(moved[:-1], moved[1:]) + SHORT_OF * self.noise.angle
+        turns = (left[1:-1] <= left[:-2]) & (left[1:-1] <= left[2:]) & (left[1:-1] < reach)
+        same = (np.diff(log.foot[:-1]) == 0) & (np.diff(log.foot[1:]) == 0)
+        return np.flatnonzero(turns & same & (log.mode[1:-1] == SINGLE)) + 1
 
     def _guess(self, begin: int, end: int) -> Floats:
         """The state at a sample, from a parabola through the next few."""
@@ -368,6 +374,18 @@ class _Fit:
         angles = np.stack([self.log.phi[few], np.unwrap(self.log.theta)[few]], axis=1)
         fitted = np.polynomial.polynomial.polyfit(t, angles, 2)
         return np.concatenate([fitted[0], fitted[1]])
+
+    def explained(self, pieces: _Pieces, system: _System) -> _Pieces | None:
+        """The pieces without the one that is explained worst, if far worse than the others.
+
+        In it the foot may have lifted off, or touched down, between samples. None: all are alike.
+        """
+        number = pieces.inside.sum(axis=1) * len(self.channels)
+        each = system.each / np.maximum(number - 4, 1)
+        worst = int(each.argmax())
+        if not each[worst] > OUTLIER * np.median(each):
+            return None
+        return _Pieces(*(np.delete(part, worst, axis=0) for part in pieces))
 
     def solved(self, pieces: _Pieces, q: Floats) -> tuple[Floats, _Pieces, _System]:
         """Gauss and Newton's method with halved steps."""
@@ -397,7 +415,8 @@ class _Fit:
         k, p, before = len(q), self.value(q), self.value(np.zeros(len(q)))
         wrong = np.where(before == 0, p < 0, p * before <= 0)
         if wrong[[name != "slope" for name in self.free]].any():
-            return _System(np.eye(k), q, math.inf, np.zeros(0), 0, (np.zeros(0), np.zeros(0)))
+            none = np.zeros(0)
+            return _System(np.eye(k), q, math.inf, none, 0, (none, none), none)
         r, J = self.residuals(pieces, p)
         J[..., 4:] *= self.scale
         n = len(pieces.begins)
@@ -415,7 +434,8 @@ class _Fit:
         rms = np.sqrt((r**2).sum(axis=(0, 1)) / number)
         compared = number * len(self.channels)
         return _System(
-            0.5 * (information + information.T), gradient, squares, rms, compared, (own, per)
+            *(0.5 * (information + information.T), gradient, squares, rms, compared, (own, per)),
+            (r**2).sum(axis=(1, 2)),
         )
 
     def residuals(self, pieces: _Pieces, p: Floats) -> tuple[Floats, Floats]:
