@@ -255,8 +255,8 @@ def load_policy(
     if params is not None and params != trained_on:
         raise CheckpointError(
             f"{path}: trained on another machine: {trained_on.differences(params)}; leave out "
-            "params (--preset and --params) for its own machine. To try it on this one, load it "
-            "without params and let it act in an environment of this one"
+            "params (--preset and --params) for its own machine. To try it on this one: "
+            f"agents.evaluate.evaluate(agents.load_policy({str(path)!r}).policy, params)"
         )
     parts = PolicyParts(record, weights)
     try:

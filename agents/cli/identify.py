@@ -60,6 +60,7 @@ def log(
     from agents.policy_files import named_policy
     from agents.rollout import at_rest, draw_starts, logged
     from rimless_gym.hybrid import CONTROL_PERIOD
+    from rimless_gym.kernel.stepping import require_steppable
     from trajopt import periodic_gait
     from trajopt.identification import Noise
     from trajopt.identification.log import SHORTEST
@@ -67,7 +68,7 @@ def log(
     require_file(out)
     if seconds < SHORTEST:
         raise ValueError(f"seconds = {seconds:g}: must be at least {SHORTEST:g}, to identify from")
-    walking = machine(preset, params)
+    require_steppable(walking := machine(preset, params))
     named = named_policy(
         policy, lambda each: periodic_gait(each, speed, hold=CONTROL_PERIOD), machine(preset, None)
     )

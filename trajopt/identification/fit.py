@@ -69,6 +69,9 @@ MOST_CHI2 = 3.0
 #: identifiable.
 LEAST_INFORMATION = 1.0
 
+#: A log shows little of a parameter whose deviation is still more than this share of that before.
+LITTLE = 0.5
+
 #: Most that a parameter may change, in its tolerances, where these are a share of it.
 FARTHEST = 8.0
 
@@ -127,17 +130,19 @@ class Identification:
     def report(self) -> str:
         """A table of the estimates, and what else there is to know."""
         lines = [f"{'parameter':20}{'before':>12}{'identified':>12}{'± 1 sd':>10}{'change':>9}"]
-        for name, value, sd in zip(
-            self.free, self.values, np.sqrt(np.diag(self.covariance)), strict=True
+        after = np.sqrt(np.diag(self.covariance))
+        for name, value, sd, known in zip(
+            self.free, self.values, after, self.tolerance, strict=True
         ):
             before = getattr(self.nominal, name)
             change = f"{value / before - 1:+9.2%}" if before else f"{'':9}"
-            lines.append(f"{name:20}{before:12.5g}{value:12.5g}{sd:10.2g}{change}")
+            little = "  little in the log" if sd > LITTLE * known else ""
+            lines.append(f"{name:20}{before:12.5g}{value:12.5g}{sd:10.2g}{change}{little}")
         lines.append(f"chi2 per degree of freedom {self.chi2:.3g}, {self.samples} samples")
         lines += [f"residual of {c}: {r:.2f} sd" for c, r in self.residuals.items()]
         for each in self.unidentifiable:
             parts = [f"{share:+.2f} {name}" for name, share in each.items()]
-            lines.append(f"not identifiable from this log: {', '.join(parts)}")
+            lines.append(f"not identifiable, in deviations known before: {', '.join(parts)}")
         return "\n".join(lines)
 
 
