@@ -55,7 +55,7 @@ def test_a_walk_is_compared_with_its_machines_optimum_at_its_speed():
 def test_a_walk_between_two_optima_is_compared_with_what_lies_between_them():
     """Half way between whole periods the reference changes, by next to nothing."""
     costs = {
-        (BUILDABLE, n): periodic_gait(BUILDABLE, step_time=n / 100, hold=0.01, progress=False).cot
+        (BUILDABLE, n): periodic_gait(BUILDABLE, step_time=n / 100, progress=False).cot
         for n in (46, 47)
     }
     middle = math.sqrt(math.prod(costs.values()))
