@@ -143,8 +143,10 @@ def test_a_walk_off_its_command_by_six_percent_counts_as_twice_as_expensive():
 
 @pytest.mark.parametrize(
     ("init", "speeds"),
-    [(CLONE, {}), (FRONT, {"speeds": (0.52, 0.6), "control_period": 0.01})],
-    ids=["plain", "commanded"],
+    [
+        pytest.param(CLONE, {}, id="plain", marks=pytest.mark.slow),
+        pytest.param(FRONT, {"speeds": (0.52, 0.6), "control_period": 0.01}, id="commanded"),
+    ],
 )
 def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch, init, speeds):
     def begin(name):

@@ -26,7 +26,12 @@ def speed_limited(limit: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("scheme", "form"), [("radau", "path"), ("radau", "bound"), ("hermite-simpson", "path")]
+    ("scheme", "form"),
+    [
+        ("radau", "path"),
+        ("radau", "bound"),
+        pytest.param("hermite-simpson", "path", marks=pytest.mark.slow),
+    ],
 )
 def test_limits_hold_between_the_nodes_to_the_tolerance(scheme: str, form: str) -> None:
     limit = 1.2
