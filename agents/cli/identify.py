@@ -127,7 +127,7 @@ def identify(
 
     if out is not None:
         if out.suffix != ".json":
-            raise ValueError(f"{out}: must end in .json, as what --params reads")
+            raise ValueError(f"{out}: must end in .json: --params reads such files")
         require_file(out)
     known, noise = machine(preset, params), Noise(angle, current, rate)
     found = identified(Log.load(file), known, free or None, tolerance=tolerance or {}, noise=noise)

@@ -97,6 +97,25 @@ def no_gait(params: Any) -> Any:
     pytest.fail("no gait is needed")
 
 
+class Counting:
+    """A policy with a memory: its voltage grows with every decision of a walk."""
+
+    def begin(self, machines, running):
+        decisions = np.zeros(len(machines))
+
+        def policy(states, observations):
+            decisions[running()] += 1
+            return 1e-3 * decisions[running()]
+
+        return policy
+
+
+def test_a_policy_remembers_during_an_episode() -> None:
+    envs = Conditions(BUILDABLE).envs(2, max_episode_steps=20)
+    for episode in episodes(envs, Counting(), 7):
+        np.testing.assert_allclose(episode.actions[:, 0], 1e-3 * np.arange(1, 21), rtol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["random", "evolution"])
 def test_the_single_environment_repeats_every_episode_bit_for_bit(name: str) -> None:
     policy = named_policy(name, no_gait).policy

@@ -50,7 +50,8 @@ PASSES, FEWEST = (0.2, 0.8), 4
 #: where the motor damps the pendulum faster than that.
 STEP = 0.01
 
-#: Errors of the leg's angle beyond which a sample counts as short of a touchdown.
+#: A leg may have touched down between two samples if it was nearer than what it moves from one to
+#: the next and so many standard deviations of its error.
 SHORT_OF = 5.0
 
 #: Gauss-Newton steps per pass, halvings of one, and the step, in tolerances, at which it ends.
@@ -193,7 +194,7 @@ def identify(
             pieces = fit.pieces(longest, starts)
             q, pieces, system = fit.solved(pieces, q)
             for _ in range(len(pieces.begins) // FEWEST):
-                if (kept := fit.explained(pieces, system)) is None:
+                if (kept := fit.without_worst(pieces, system)) is None:
                     break
                 q, pieces, system = fit.solved(kept, q)
             starts = dict(zip(pieces.begins.tolist(), pieces.states, strict=True))
@@ -318,7 +319,7 @@ class _System(NamedTuple):
     # by how much each piece's state changes: own step (P, 4), and per step of the parameters (P, 4,
     # k)
     back: tuple[Floats, Floats]
-    each: Floats  # squares of every piece, shape (P,)
+    by_piece: Floats  # squared residuals, shape (P,)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -380,13 +381,13 @@ class _Fit:
         fitted = np.polynomial.polynomial.polyfit(t, angles, 2)
         return np.concatenate([fitted[0], fitted[1]])
 
-    def explained(self, pieces: _Pieces, system: _System) -> _Pieces | None:
-        """The pieces without the one that is explained worst, if far worse than the others.
+    def without_worst(self, pieces: _Pieces, system: _System) -> _Pieces | None:
+        """The pieces but for the one with the largest residuals; None if none is an `OUTLIER`.
 
-        In it the foot may have lifted off, or touched down, between samples. None: all are alike.
+        In that piece the foot may have lifted off, or touched down, between two samples.
         """
         number = pieces.inside.sum(axis=1) * len(self.channels)
-        each = system.each / np.maximum(number - 4, 1)
+        each = system.by_piece / np.maximum(number - 4, 1)
         worst = int(each.argmax())
         if not each[worst] > OUTLIER * np.median(each):
             return None

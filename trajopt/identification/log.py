@@ -35,10 +35,6 @@ OFF = 0.03
 SHORTEST, STILLEST, COARSEST = 0.3, 0.2, 0.1
 
 
-#: What reading a damaged archive may raise.
-_BROKEN = zipfile.BadZipFile, zlib.error
-
-
 class LogError(ValueError):
     """A log that nothing can be identified from; the message has the number that shows it."""
 
@@ -135,7 +131,10 @@ class Log:
                 columns = {name: table[name] for name in table.dtype.names or ()}
         except FileNotFoundError as error:
             raise FileNotFoundError(f"{path}: not found; `rimless log` writes a log") from error
-        except (OSError, EOFError, ValueError, LookupError, TypeError, *_BROKEN) as error:
+        except (
+            *(OSError, EOFError, ValueError, LookupError, TypeError),
+            *(zipfile.BadZipFile, zlib.error),
+        ) as error:
             (first, *_) = str(error).splitlines() or [repr(error)]
             raise LogError(f"{path}: damaged, or no log ({first})") from error
         if missing := [name for name in NEEDED if name not in columns]:
