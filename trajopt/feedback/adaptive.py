@@ -18,7 +18,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +43,7 @@ from trajopt.feedback.gait_table import (
 )
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import has_clock, squared_distances
+from trajopt.feedback.orbit import Orbit, has_clock, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
@@ -70,8 +70,12 @@ WIDER = 1.25, 2.0
 #: What the design of a law about a gait, and of what leads there, may raise.
 NO_LAW = ValueError, RuntimeError
 
-#: How many walks try such a law in a simulation, and for how long (s).
+#: How many walks try such a law in a simulation, each with another machine that may be the right
+#: one, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
+
+#: A law is given up if its walk is far from its gait when it has been used for so long (s).
+SETTLED = 1.0
 
 #: For a machine whose first fit is far from the table, the first steps are longer by so many
 #: control periods: the nominal machine's costs to go lead to that gait, even if its own one lands
@@ -117,6 +121,21 @@ def forgotten(covariance: Floats, prior: Floats) -> Floats:
     scale = np.outer(prior, prior)
     kept = np.linalg.inv(covariance / scale) / FORGETTING
     return np.asarray(np.linalg.inv(kept + (1 - 1 / FORGETTING) * np.eye(len(prior))) * scale)
+
+
+def likely(params: WheelParams, names: Sequence[str], covariance: Floats) -> list[WheelParams]:
+    """`TRIALS` machines as likely as an identified one, itself the first; always the same draws.
+
+    Shares are drawn: machines of which only the scale differs walk alike, and so remain alike.
+    """
+    values = np.array([getattr(params, name) for name in names])
+    shares = np.array([name != "slope" for name in names])
+    scale = np.where(shares, values, 1.0)
+    draws = np.random.default_rng(0).standard_normal((TRIALS, len(names)))
+    steps = draws @ np.linalg.cholesky(covariance / np.outer(scale, scale)).T
+    steps[0] = 0.0
+    rows = np.where(shares, values * np.exp(steps), values + steps)
+    return [dataclasses.replace(params, **dict(zip(names, row, strict=True))) for row in rows]
 
 
 def sturdy(gait: Solution) -> Solution:
@@ -230,15 +249,17 @@ class AdaptiveController:
         data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
         return self.with_startup(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
-    def own_laws(self, params: WheelParams, first: int = 0) -> list[Floats]:
+    def own_laws(self, machines: Sequence[WheelParams], first: int = 0) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
+
+        The machine is the first one; its laws hold the others, too.
 
         The first one's steps last as long as those of the gait that is walked first, or `first`
         control periods longer, the last one's as those of the wanted gait, or as little longer as
         is found: each gait is continued from the one before, costs at most `COSTLY` times as much,
         and its law holds it.
         """
-        gait, laws = self.table.gait, list[Floats]()
+        gait, params, laws = self.table.gait, machines[0], list[Floats]()
         for longer in (first, *[-1] * (first + self.shorter)):
             own = own_gait(gait, params, longer)
             passed = own is not None and own.verification.passed
@@ -249,32 +270,41 @@ class AdaptiveController:
             except NO_LAW:
                 break
             times = gait.duration * (np.arange(TRIALS) + 0.5) / TRIALS
-            if not self.holds(params, law, len(laws), gait.state(times)):
+            if not self.holds(machines, law, len(laws), gait.state(times)):
                 break
             laws.append(law)
             gait = own
         return laws
 
-    def holds(self, params: WheelParams, law: Floats, shorter: int, states: Floats) -> bool:
+    def holds(
+        self, machines: Sequence[WheelParams], law: Floats, shorter: int, states: Floats
+    ) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        The angles have the noise that is left after filtering. A slip is a failure, except with the
-        first gait, to which the way may be far.
+        Each has a machine of its own, N in all, of which the law is the first one's. The angles
+        have the noise that is left after filtering. A slip is a failure, except with the first
+        gait, to which the way may be far.
         """
-        controller, states = self.planned(params, law, shorter), hybrid_states(states, SINGLE)
+        controller, states = self.planned(machines[0], law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
         rng, errors = np.random.default_rng(0), np.zeros((len(states), 4))
         for tick in range(ticks):
             noise = self.encoders * rng.standard_normal((len(states), 2))
             errors[:, :2] += CORRECTED * (noise - errors[:, :2])
             volts = controller(states[:, :4] + errors, states[:, MODE].astype(np.int64))
-            out = advance(params, states, volts, CONTROL_PERIOD)
-            slips = shorter > 0 and exceeds(out[:, ROW.friction_demand].max(), params.friction)
-            off = squared_distances(states[:, :4], orbit).max() > (self.near / 2) ** 2
-            leaves = off and shorter > 0 and tick > ticks / 2
-            if slips or leaves or out[:, ROW.failure].any():
+            late = shorter > 0 and tick > ticks / 2
+            for i, machine in enumerate(machines):
+                row = advance(machine, states[i : i + 1], volts[i : i + 1])[0]
+                slips = shorter > 0 and exceeds(row[ROW.friction_demand], machine.friction)
+                if slips or row[ROW.failure]:
+                    return False
+            if late and self.leaves(states[:, :4], orbit):
                 return False
         return bool((squared_distances(states[:, :4], orbit) < self.near**2).all())
+
+    def leaves(self, states: Floats, orbit: Orbit) -> bool:
+        """Whether one of several walks (N, 4) is farther from its gait than one that holds it."""
+        return bool(squared_distances(np.ascontiguousarray(states), orbit).max() > self.near**2 / 4)
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -296,6 +326,7 @@ class AdaptiveWalks:
         longer: by how many the first steps on a gait of its own are longer; if not 0, the nominal
             law acts until that gait is found.
         plans: the plan of each that is in use, or None.
+        since: the tick from which on it is.
         tick: how many decisions were made.
     """
 
@@ -305,7 +336,9 @@ class AdaptiveWalks:
         self.identified, self.delays, self.longer = np.zeros((3, n), dtype=np.int64)
         self._controllers = [controller.with_startup(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
-        self._next: list[list[Plan]] = [[] for _ in range(n)]
+        self.since = np.zeros(n, dtype=np.int64)
+        # all plans of the last time, each of shorter steps than the one before
+        self._ladders: list[list[Plan]] = [[] for _ in range(n)]
         # of what is known of each machine; NaN of one that is as in the table
         k = len(controller.table.names)
         self._covariance = np.full((n, k, k), np.nan)
@@ -320,9 +353,7 @@ class AdaptiveWalks:
         """Voltages of some walks: their numbers (M,), states (M, 4), modes and stance feet (M,)."""
         due = self.tick == _FIRST or (self.tick and self.tick % _EVERY == 0)
         for i, row in enumerate(rows.tolist()):
-            if self._ready(row, states[i]):
-                self.plans[row] = self._next[row].pop(0)
-                self._choose(row)
+            self._change_plan(row, states[i])
             if due:
                 self._identify(row)
         volts = np.array(
@@ -344,7 +375,8 @@ class AdaptiveWalks:
             "machines": [each.to_dict() for each in self.machines],
             "covariance": self._covariance.copy(),
             "plans": [plan and list(plan) for plan in self.plans],
-            "next": [[list(plan) for plan in each] for each in self._next],
+            "since": self.since.copy(),
+            "ladders": [[list(plan) for plan in each] for each in self._ladders],
             "identified": self.identified.copy(),
             "delays": self.delays.copy(),
             "longer": self.longer.copy(),
@@ -364,21 +396,46 @@ class AdaptiveWalks:
         self._commanded = np.array(state["commanded"])
         self.delays, self.longer = np.array(state["delays"]), np.array(state["longer"])
         self.plans = [plan and Plan(*plan) for plan in state["plans"]]
-        self._next = [[Plan(*plan) for plan in each] for each in state["next"]]
+        self.since = np.array(state["since"])
+        self._ladders = [[Plan(*plan) for plan in each] for each in state["ladders"]]
         for row in range(len(self.machines)):
             self._choose(row)
         for each, known in zip(self._rng, state["random"], strict=True):
             each.bit_generator.state = known
 
-    def _ready(self, row: int, state: Floats) -> bool:
-        """Whether the next law is used from now on; one of shorter steps, once this gait holds."""
-        coming, plan = self._next[row], self.plans[row]
-        if not coming or coming[0].tick > self.tick:
-            return False
-        if plan is None or coming[0].shorter <= plan.shorter:
-            return True
-        orbit = gains_of(plan.law, self.controller.table.law.data).orbit
-        return bool(squared_distances(state[None].copy(), orbit) < (self.controller.near / 2) ** 2)
+    def _change_plan(self, row: int, state: Floats) -> None:
+        """Use the next plan, or the one before.
+
+        The next one once it is due and, if its steps are shorter, this gait holds; the one before,
+        of longer steps, if the wheel does not hold this gait.
+        """
+        plan, coming = self.plans[row], self._coming(row)
+        due = coming is not None and coming.tick <= self.tick
+        if coming and due and (plan is None or coming.shorter <= plan.shorter):
+            self._use(row, coming)
+        elif plan:
+            orbit = gains_of(plan.law, self.controller.table.law.data).orbit
+            if not self.controller.leaves(state[None], orbit):
+                if coming and due:
+                    self._use(row, coming)
+            elif self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
+                longer = [each for each in self._ladders[row] if each.shorter < plan.shorter]
+                if longer and longer[-1].tick <= self.tick:
+                    self._ladders[row] = longer
+                    self._use(row, longer[-1])
+
+    def _coming(self, row: int) -> Plan | None:
+        """The next plan: of later fits and steps as short as now, or of shorter steps."""
+        plan, ladder = self.plans[row], self._ladders[row]
+        if plan is None:
+            return ladder[0] if ladder else None
+        later = [each for each in ladder if (each.fits, each.shorter) > (plan.fits, plan.shorter)]
+        as_short = [each for each in later if each.shorter >= plan.shorter]
+        return next(iter(as_short or later[-1:]), None)
+
+    def _use(self, row: int, plan: Plan) -> None:
+        self.plans[row], self.since[row] = plan, self.tick
+        self._choose(row)
 
     def _volts(self, row: int, state: Floats, mode: int, foot: float) -> float:
         """The law's voltage; once the machine is identified, its angles are filtered.
@@ -440,7 +497,7 @@ class AdaptiveWalks:
         if self.identified[row] == 1:
             self.longer[row] = LONGER * (table.far(found.params) and table.has(found.params.slope))
         self._choose(row)
-        if not self._next[row]:
+        if self._coming(row) is None:
             self._plan(row)
 
     def _plan(self, row: int) -> None:
@@ -454,20 +511,19 @@ class AdaptiveWalks:
         far, enough = controller.table.far(params), 2 * plan.fits if plan else PLANNED[other]
         if not (other or far) or fits < enough:
             return
-        laws = controller.own_laws(params, int(self.longer[row]))
+        machines = likely(params, controller.table.names, self._covariance[row])
+        laws = controller.own_laws(machines, int(self.longer[row]))
         if not laws and plan is None and self.longer[row]:
             self.longer[row] = 0
             self._choose(row)
-            laws = controller.own_laws(params)
+            laws = controller.own_laws(machines)
         if plan is not None and len(laws) <= plan.shorter:
             states = gains_of(plan.law, controller.table.law.data).orbit.states
             few = states[len(states) // 8 :: len(states) // TRIALS]
-            if controller.holds(params, plan.law, plan.shorter, few):
+            if controller.holds(machines, plan.law, plan.shorter, few):
                 self.plans[row] = plan._replace(fits=fits)
                 return
-        used = min(plan.shorter if plan else 0, len(laws) - 1)
-        self._next[row] = [
+        self._ladders[row] = [
             Plan(self.tick + round(SOLVING * (k + 1) / CONTROL_PERIOD), fits, k, law)
             for k, law in enumerate(laws)
-            if k >= used
         ]

@@ -226,7 +226,8 @@ def identify(
         for share, v in zip(shares, directions.T, strict=True)
         if share < LEAST_INFORMATION
     )
-    after = max(chi2, 1.0) * np.linalg.inv(system.information + prior) * np.outer(scale, scale)
+    shown = system.information / max(chi2, 1.0)
+    after = np.linalg.inv(shown + prior) * np.outer(scale, scale)
     return Identification(
         *(machine, params, free, scale, after, unidentifiable, residuals, chi2, system.compared)
     )

@@ -78,6 +78,20 @@ def test_without_a_current_the_scale_of_masses_is_not_identifiable(log: Log) -> 
     assert uncertainty(identify(log, BUILDABLE)) < 0.8
 
 
+def test_what_fits_badly_is_known_less_but_no_less_than_before(log: Log) -> None:
+    """Three fits one after the other; the true noise is 1.4 times as large as was said."""
+    bare = dataclasses.replace(log, current=None, dphi=None, dtheta=None)
+    good, bad = (identify(bare, BUILDABLE, noise=Noise(angle=sd)) for sd in (1e-3, 1e-3 / 2**0.5))
+    for _ in range(2):
+        bad = identify(
+            *(bare, bad.params), covariance=bad.covariance, noise=Noise(angle=1e-3 / 2**0.5)
+        )
+    assert bad.chi2 > 1.7
+    share = np.sqrt(np.diag(bad.covariance)) / good.tolerance
+    assert (share < 1.001).all()
+    assert share.max() > 0.9
+
+
 def test_a_slope_is_one_more_unknown() -> None:
     sloped = dataclasses.replace(BUILDABLE, slope=np.radians(-1.5))
     found = identify(driven(sloped, 1.0), BUILDABLE, [*PHYSICAL, "slope"])
