@@ -74,8 +74,9 @@ NO_LAW = ValueError, RuntimeError
 #: one, and for how long (s).
 TRIALS, TRIAL = 4, 6.0
 
-#: A law is given up if its walk is far from its gait when it has been used for so long (s).
-SETTLED = 1.0
+#: A walk holds its gait within this share of the distance up to which a law acts. A law is given up
+#: if its walk is beyond that distance when it has been used for so long (s).
+HOLDS, SETTLED = 0.5, 1.5
 
 #: For a machine whose first fit is far from the table, the first steps are longer by so many
 #: control periods: the nominal machine's costs to go lead to that gait, even if its own one lands
@@ -298,13 +299,14 @@ class AdaptiveController:
                 slips = shorter > 0 and exceeds(row[ROW.friction_demand], machine.friction)
                 if slips or row[ROW.failure]:
                     return False
-            if late and self.leaves(states[:, :4], orbit):
+            if late and self.off(states[:, :4], orbit) > HOLDS:
                 return False
-        return bool((squared_distances(states[:, :4], orbit) < self.near**2).all())
+        return self.off(states[:, :4], orbit) < 1.0
 
-    def leaves(self, states: Floats, orbit: Orbit) -> bool:
-        """Whether one of several walks (N, 4) is farther from its gait than one that holds it."""
-        return bool(squared_distances(np.ascontiguousarray(states), orbit).max() > self.near**2 / 4)
+    def off(self, states: Floats, orbit: Orbit) -> float:
+        """How far the farthest of several walks (N, 4) is from its gait, as a share of `near`."""
+        squared = squared_distances(np.ascontiguousarray(states), orbit)
+        return math.sqrt(float(squared.max())) / self.near
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -415,10 +417,10 @@ class AdaptiveWalks:
             self._use(row, coming)
         elif plan:
             orbit = gains_of(plan.law, self.controller.table.law.data).orbit
-            if not self.controller.leaves(state[None], orbit):
-                if coming and due:
-                    self._use(row, coming)
-            elif self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
+            off = self.controller.off(state[None], orbit)
+            if coming and due and off < HOLDS:
+                self._use(row, coming)
+            elif off > 1.0 and self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
                 longer = [each for each in self._ladders[row] if each.shorter < plan.shorter]
                 if longer and longer[-1].tick <= self.tick:
                     self._ladders[row] = longer

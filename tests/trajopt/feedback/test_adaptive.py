@@ -162,7 +162,7 @@ def test_steps_get_longer_again_if_the_wheel_does_not_hold_its_gait(controller, 
     walks, row = controller.begin(4), controller.table.rows[0]
     ladders = [[[0, 1, 0, row], [0, 1, 1, row]]] * 3 + [[[0, 1, 1, row]]]
     state = {**walks.state(), "plans": [[0, 1, 1, row]] * 4, "ladders": ladders}
-    walks.restore(state | {"tick": 150, "since": np.array([0, 0, 140, 0])})
+    walks.restore(state | {"tick": 180, "since": np.array([0, 0, 170, 0])})
     x = hybrid_states(held.state(np.full(4, 0.2)), SINGLE)
     x[1:, 2] += 2.0
     for _ in range(2):
