@@ -246,7 +246,7 @@ def advance_batch_at(typing_context: Any, address: Any, arguments: Any) -> Any:
     return types.none(types.int64, arguments), codegen
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=256)  # asked at every call of `advance`
 def require_steppable(params: WheelParams) -> None:
     """Refuse machines that need too many steps in a control interval."""
     if not params.motor_pole <= MAX_POLE:

@@ -29,7 +29,14 @@ from rimless_gym.checks import require_kind
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance, hybrid_states
+from rimless_gym.kernel.stepping import (
+    FOOT,
+    MODE,
+    STATE_SIZE,
+    advance,
+    hybrid_states,
+    require_steppable,
+)
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import exceeds
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
@@ -70,13 +77,13 @@ WIDER = 1.25, 2.0
 #: What the design of a law about a gait, and of what leads there, may raise.
 NO_LAW = ValueError, RuntimeError
 
-#: How many walks try such a law in a simulation, each with another machine that may be the right
-#: one, and for how long (s).
+#: How many simulated walks try such a law, each with another machine that is likely, and how long
+#: (s) they last.
 TRIALS, TRIAL = 4, 6.0
 
-#: A walk holds its gait within this share of the distance up to which a law acts. A law is given up
-#: if its walk is beyond that distance when it has been used for so long (s).
-HOLDS, SETTLED = 0.5, 1.5
+#: Within which share of the distance up to which the nominal law acts a walk is on its gait. A law
+#: is given up if the walk is beyond that distance once it has been in use for so long (s).
+ON_GAIT, SETTLED = 0.5, 1.5
 
 #: For a machine whose first fit is far from the table, the first steps are longer by so many
 #: control periods: the nominal machine's costs to go lead to that gait, even if its own one lands
@@ -124,19 +131,28 @@ def forgotten(covariance: Floats, prior: Floats) -> Floats:
     return np.asarray(np.linalg.inv(kept + (1 - 1 / FORGETTING) * np.eye(len(prior))) * scale)
 
 
-def likely(params: WheelParams, names: Sequence[str], covariance: Floats) -> list[WheelParams]:
-    """`TRIALS` machines as likely as an identified one, itself the first; always the same draws.
+def likely_machines(
+    params: WheelParams, names: Sequence[str], covariance: Floats
+) -> list[WheelParams]:
+    """An identified machine, and `TRIALS` - 1 drawn from its covariance, the same at every call.
 
-    Shares are drawn: machines of which only the scale differs walk alike, and so remain alike.
+    Shares are drawn: machines of which only the scale differs walk alike, and so remain alike. A
+    draw that cannot be, or be simulated, is the identified machine instead.
     """
     values = np.array([getattr(params, name) for name in names])
     shares = np.array([name != "slope" for name in names])
     scale = np.where(shares, values, 1.0)
-    draws = np.random.default_rng(0).standard_normal((TRIALS, len(names)))
+    draws = np.random.default_rng(0).standard_normal((TRIALS - 1, len(names)))
     steps = draws @ np.linalg.cholesky(covariance / np.outer(scale, scale)).T
-    steps[0] = 0.0
-    rows = np.where(shares, values * np.exp(steps), values + steps)
-    return [dataclasses.replace(params, **dict(zip(names, row, strict=True))) for row in rows]
+    machines = [params]
+    for row in np.where(shares, values * np.exp(steps), values + steps):
+        try:
+            machine = dataclasses.replace(params, **dict(zip(names, row, strict=True)))
+            require_steppable(machine)
+        except ValueError:
+            machine = params
+        machines.append(machine)
+    return machines
 
 
 def sturdy(gait: Solution) -> Solution:
@@ -253,7 +269,7 @@ class AdaptiveController:
     def own_laws(self, machines: Sequence[WheelParams], first: int = 0) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
 
-        The machine is the first one; its laws hold the others, too.
+        The laws are those of the first machine; they must hold the others as well.
 
         The first one's steps last as long as those of the gait that is walked first, or `first`
         control periods longer, the last one's as those of the wanted gait, or as little longer as
@@ -270,7 +286,7 @@ class AdaptiveController:
                 law = flat(law_about(own).data)
             except NO_LAW:
                 break
-            times = gait.duration * (np.arange(TRIALS) + 0.5) / TRIALS
+            times = gait.duration * (np.arange(len(machines)) + 0.5) / len(machines)
             if not self.holds(machines, law, len(laws), gait.state(times)):
                 break
             laws.append(law)
@@ -282,9 +298,9 @@ class AdaptiveController:
     ) -> bool:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
-        Each has a machine of its own, N in all, of which the law is the first one's. The angles
-        have the noise that is left after filtering. A slip is a failure, except with the first
-        gait, to which the way may be far.
+        Each of the N machines has one walk; the law is that of the first. The angles have the noise
+        that is left after filtering. A slip is a failure, except with the first gait, to which the
+        way may be far.
         """
         controller, states = self.planned(machines[0], law, shorter), hybrid_states(states, SINGLE)
         orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
@@ -294,12 +310,12 @@ class AdaptiveController:
             errors[:, :2] += CORRECTED * (noise - errors[:, :2])
             volts = controller(states[:, :4] + errors, states[:, MODE].astype(np.int64))
             late = shorter > 0 and tick > ticks / 2
-            for i, machine in enumerate(machines):
+            for i, machine in zip(range(len(states)), machines, strict=True):
                 row = advance(machine, states[i : i + 1], volts[i : i + 1])[0]
                 slips = shorter > 0 and exceeds(row[ROW.friction_demand], machine.friction)
                 if slips or row[ROW.failure]:
                     return False
-            if late and self.off(states[:, :4], orbit) > HOLDS:
+            if late and self.off(states[:, :4], orbit) > ON_GAIT:
                 return False
         return self.off(states[:, :4], orbit) < 1.0
 
@@ -328,7 +344,7 @@ class AdaptiveWalks:
         longer: by how many the first steps on a gait of its own are longer; if not 0, the nominal
             law acts until that gait is found.
         plans: the plan of each that is in use, or None.
-        since: the tick from which on it is.
+        since: the tick at which each plan was taken up.
         tick: how many decisions were made.
     """
 
@@ -339,7 +355,7 @@ class AdaptiveWalks:
         self._controllers = [controller.with_startup(controller.table.law)] * n
         self.plans: list[Plan | None] = [None] * n
         self.since = np.zeros(n, dtype=np.int64)
-        # all plans of the last time, each of shorter steps than the one before
+        # plans of the last search that may still be used, each of shorter steps than the one before
         self._ladders: list[list[Plan]] = [[] for _ in range(n)]
         # of what is known of each machine; NaN of one that is as in the table
         k = len(controller.table.names)
@@ -417,14 +433,15 @@ class AdaptiveWalks:
             self._use(row, coming)
         elif plan:
             orbit = gains_of(plan.law, self.controller.table.law.data).orbit
-            off = self.controller.off(state[None], orbit)
-            if coming and due and off < HOLDS:
+            distance = self.controller.off(state[None], orbit)
+            if coming and due and distance < ON_GAIT:
                 self._use(row, coming)
-            elif off > 1.0 and self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
-                longer = [each for each in self._ladders[row] if each.shorter < plan.shorter]
-                if longer and longer[-1].tick <= self.tick:
-                    self._ladders[row] = longer
-                    self._use(row, longer[-1])
+            elif distance > 1.0 and self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
+                before = [each for each in self._ladders[row] if each.shorter < plan.shorter]
+                if before and before[-1].tick <= self.tick:
+                    newer = [each for each in self._ladders[row] if each.fits > plan.fits]
+                    self._ladders[row] = newer or before
+                    self._use(row, before[-1]._replace(fits=max(plan.fits, before[-1].fits)))
 
     def _coming(self, row: int) -> Plan | None:
         """The next plan: of later fits and steps as short as now, or of shorter steps."""
@@ -499,7 +516,8 @@ class AdaptiveWalks:
         if self.identified[row] == 1:
             self.longer[row] = LONGER * (table.far(found.params) and table.has(found.params.slope))
         self._choose(row)
-        if self._coming(row) is None:
+        coming = self._coming(row)
+        if coming is None or coming.tick < self.tick - _EVERY:
             self._plan(row)
 
     def _plan(self, row: int) -> None:
@@ -513,7 +531,7 @@ class AdaptiveWalks:
         far, enough = controller.table.far(params), 2 * plan.fits if plan else PLANNED[other]
         if not (other or far) or fits < enough:
             return
-        machines = likely(params, controller.table.names, self._covariance[row])
+        machines = likely_machines(params, controller.table.names, self._covariance[row])
         laws = controller.own_laws(machines, int(self.longer[row]))
         if not laws and plan is None and self.longer[row]:
             self.longer[row] = 0
@@ -525,7 +543,8 @@ class AdaptiveWalks:
             if controller.holds(machines, plan.law, plan.shorter, few):
                 self.plans[row] = plan._replace(fits=fits)
                 return
-        self._ladders[row] = [
-            Plan(self.tick + round(SOLVING * (k + 1) / CONTROL_PERIOD), fits, k, law)
-            for k, law in enumerate(laws)
-        ]
+        if laws:
+            self._ladders[row] = [
+                Plan(self.tick + round(SOLVING * (k + 1) / CONTROL_PERIOD), fits, k, law)
+                for k, law in enumerate(laws)
+            ]

@@ -105,7 +105,8 @@ class Identification:
         nominal: what was known before.
         free: names of the identified parameters, k of them.
         tolerance: their standard deviations before, shape (k,).
-        covariance: of the estimates, shape (k, k); larger by chi2 where that is above 1.
+        covariance: of the estimates, shape (k, k); where chi2 is above 1, what the log shows counts
+            1 / chi2 as much, and what was known before in full.
         unidentifiable: directions of which the log has no information, each by its share of every
             parameter, in tolerances; what was known before stands in them.
         residuals: root mean square by channel, in standard deviations of its noise.
