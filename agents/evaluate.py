@@ -198,10 +198,9 @@ def evaluate(
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
-            finite or not states to start from, `machines` are not as many or have
-            other numbers of legs, ranges or disturbances
-            are not valid, or the command or the control period is out of its range, or longer than
-            the protocol's shortest span.
+            finite or not states to start from, `machines` are not as many or have other numbers of
+            legs, ranges or disturbances are not valid, or the command or the control period is out
+            of its range, or longer than the protocol's shortest span.
         RuntimeError: a machine that was drawn cannot stand at its start.
     """
     require_callable("policy", policy)

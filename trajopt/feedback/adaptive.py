@@ -50,7 +50,7 @@ from trajopt.feedback.gait_table import (
 )
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Orbit, has_clock, squared_distances
+from trajopt.feedback.orbit import has_clock, squared_distances
 from trajopt.feedback.startup import StartUpController, lost_return, near_for, startup_for
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
@@ -303,7 +303,7 @@ class AdaptiveController:
         way may be far.
         """
         controller, states = self.planned(machines[0], law, shorter), hybrid_states(states, SINGLE)
-        orbit, ticks = gains_of(law, self.table.law.data).orbit, round(TRIAL / CONTROL_PERIOD)
+        ticks = round(TRIAL / CONTROL_PERIOD)
         rng, errors = np.random.default_rng(0), np.zeros((len(states), 4))
         for tick in range(ticks):
             noise = self.encoders * rng.standard_normal((len(states), 2))
@@ -315,14 +315,14 @@ class AdaptiveController:
                 slips = shorter > 0 and exceeds(row[ROW.friction_demand], machine.friction)
                 if slips or row[ROW.failure]:
                     return False
-            if late and self.off(states[:, :4], orbit) > ON_GAIT:
+            if late and self.off(states[:, :4], law) > ON_GAIT:
                 return False
-        return self.off(states[:, :4], orbit) < 1.0
+        return self.off(states[:, :4], law) < 1.0
 
-    def off(self, states: Floats, orbit: Orbit) -> float:
-        """How far the farthest of several walks (N, 4) is from its gait, as a share of `near`."""
-        squared = squared_distances(np.ascontiguousarray(states), orbit)
-        return math.sqrt(float(squared.max())) / self.near
+    def off(self, states: Floats, law: Floats) -> float:
+        """How far the farthest of states (N, 4) is from a flat law's gait, as a share of `near`."""
+        orbit = gains_of(law, self.table.law.data).orbit
+        return math.sqrt(squared_distances(np.ascontiguousarray(states), orbit).max()) / self.near
 
     def begin(self, n: int, seed: int = 0) -> AdaptiveWalks:
         """The memory of `n` walks that begin now; `seed` is that of the encoders' errors."""
@@ -428,20 +428,17 @@ class AdaptiveWalks:
         of longer steps, if the wheel does not hold this gait.
         """
         plan, coming = self.plans[row], self._coming(row)
-        due = coming is not None and coming.tick <= self.tick
-        if coming and due and (plan is None or coming.shorter <= plan.shorter):
+        off = self.controller.off(state[None], plan.law) if plan else 0.0
+        shorter = plan is not None and coming is not None and coming.shorter > plan.shorter
+        if coming and coming.tick <= self.tick and (off < ON_GAIT or not shorter):
             self._use(row, coming)
-        elif plan:
-            orbit = gains_of(plan.law, self.controller.table.law.data).orbit
-            distance = self.controller.off(state[None], orbit)
-            if coming and due and distance < ON_GAIT:
-                self._use(row, coming)
-            elif distance > 1.0 and self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
-                before = [each for each in self._ladders[row] if each.shorter < plan.shorter]
-                if before and before[-1].tick <= self.tick:
-                    newer = [each for each in self._ladders[row] if each.fits > plan.fits]
-                    self._ladders[row] = newer or before
-                    self._use(row, before[-1]._replace(fits=max(plan.fits, before[-1].fits)))
+        elif plan and off > 1.0 and self.tick > self.since[row] + SETTLED / CONTROL_PERIOD:
+            ladder = self._ladders[row]
+            before = [each for each in ladder if each.shorter < plan.shorter]
+            if before and before[-1].tick <= self.tick:
+                # the laws of a later fit are still to be tried
+                self._ladders[row] = ladder if before[-1].fits > plan.fits else before
+                self._use(row, before[-1])
 
     def _coming(self, row: int) -> Plan | None:
         """The next plan: of later fits and steps as short as now, or of shorter steps."""

@@ -184,6 +184,33 @@ def test_steps_get_longer_again_if_the_wheel_does_not_hold_its_gait(controller, 
     assert [len(each) for each in walks.state()["ladders"]] == [2, 1, 2, 1, 2]
 
 
+def test_gaits_are_solved_for_again_if_the_next_one_is_never_reached(
+    controller, held, monkeypatch
+) -> None:
+    solved = []
+    rows = controller.table.rows
+
+    def own_laws(*given):
+        solved.append(walks.tick)
+        return [rows[0], rows[0]]
+
+    monkeypatch.setattr(AdaptiveController, "own_laws", own_laws)
+    monkeypatch.setattr(AdaptiveController, "off", lambda *given: 0.7)
+    monkeypatch.setattr(AdaptiveController, "shorter", 1)
+    monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
+    walks = controller.begin(1)
+
+    def policy(states, observations):
+        modes = states[:, 4].astype(np.int64)
+        volts = walks(np.arange(1), states[:, :4], modes, states[:, 5])
+        return volts / held.params.voltage_limit
+
+    start = hybrid_states(held.state([0.1]), SINGLE)
+    assert len(list(Rollout(Conditions(held.params), policy, start, 1210))) == 1210
+    assert len(solved) == 2
+    assert walks.plans[0].shorter == 0
+
+
 def test_the_angles_of_an_identified_machine_are_filtered_but_not_after_a_push(
     controller, law, held
 ) -> None:
