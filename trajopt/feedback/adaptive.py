@@ -81,6 +81,10 @@ NO_LAW = ValueError, RuntimeError
 #: (s) they last.
 TRIALS, TRIAL = 4, 6.0
 
+#: The deviations of those machines, as a share of the fit's. With all of it a law that holds the
+#: identified machine itself is often refused, and the walk stays at a slower gait.
+SPREAD = 0.5
+
 #: Within which share of the distance up to which the nominal law acts a walk is on its gait. A law
 #: is given up if the walk is beyond that distance once it has been in use for so long (s).
 ON_GAIT, SETTLED = 0.5, 1.5
@@ -134,15 +138,16 @@ def forgotten(covariance: Floats, prior: Floats) -> Floats:
 def likely_machines(
     params: WheelParams, names: Sequence[str], covariance: Floats
 ) -> list[WheelParams]:
-    """An identified machine, and `TRIALS` - 1 drawn from its covariance, the same at every call.
+    """An identified machine, and `TRIALS` - 1 drawn with `SPREAD` times its fit's deviations.
 
-    Shares are drawn: machines of which only the scale differs walk alike, and so remain alike. A
-    draw that cannot be, or be simulated, is the identified machine instead.
+    The draws are the same at every call. Shares are drawn: machines of which only the scale differs
+    walk alike, and so remain alike. A draw that cannot be, or be simulated, is the identified
+    machine instead.
     """
     values = np.array([getattr(params, name) for name in names])
     shares = np.array([name != "slope" for name in names])
     scale = np.where(shares, values, 1.0)
-    draws = np.random.default_rng(0).standard_normal((TRIALS - 1, len(names)))
+    draws = SPREAD * np.random.default_rng(0).standard_normal((TRIALS - 1, len(names)))
     steps = draws @ np.linalg.cholesky(covariance / np.outer(scale, scale)).T
     machines = [params]
     for row in np.where(shares, values * np.exp(steps), values + steps):
