@@ -12,6 +12,7 @@ import math
 from typing import Any, NamedTuple
 
 from rimless_gym import hybrid
+from rimless_gym.energy import ROW
 from rimless_gym.jit import inner
 from rimless_gym.params import WheelParams
 
@@ -35,6 +36,11 @@ class Extremes(NamedTuple):
     friction_demand: float  # largest |Fx| / Fy in stance
     impulse_friction_demand: float  # largest |Px| / Py of a touchdown's impulse
     clearance: float  # least height of the pendulum's end over the floor (m)
+
+    @classmethod
+    def of_row(cls, row: Any) -> Extremes:
+        """Those of a row (len(ROW),) of the kernel, a control interval."""
+        return cls(*(float(row[getattr(ROW, name)]) for name in cls._fields))
 
 
 def violations(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:

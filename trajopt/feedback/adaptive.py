@@ -38,7 +38,7 @@ from rimless_gym.kernel.stepping import (
     require_steppable,
 )
 from rimless_gym.params import WheelParams
-from rimless_gym.rules import exceeds
+from rimless_gym.rules import Extremes, violations
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
 from trajopt.feedback.gait_table import (
     IDENTIFIED_BLEND,
@@ -304,8 +304,8 @@ class AdaptiveController:
         """Whether simulated walks from states (N, 4) come to a law's gait, and stay on it.
 
         Each of the N machines has one walk; the law is that of the first. The angles have the noise
-        that is left after filtering. A slip is a failure, except with the first gait, to which the
-        way may be far.
+        that is left after filtering. A broken rule (`rimless_gym.rules`) is a failure, except with
+        the first gait, to which the way may be far.
         """
         controller, states = self.planned(machines[0], law, shorter), hybrid_states(states, SINGLE)
         ticks = round(TRIAL / CONTROL_PERIOD)
@@ -317,8 +317,8 @@ class AdaptiveController:
             late = shorter > 0 and tick > ticks / 2
             for i, machine in zip(range(len(states)), machines, strict=True):
                 row = advance(machine, states[i : i + 1], volts[i : i + 1])[0]
-                slips = shorter > 0 and exceeds(row[ROW.friction_demand], machine.friction)
-                if slips or row[ROW.failure]:
+                broken = shorter > 0 and violations(machine, Extremes.of_row(row))
+                if broken or row[ROW.failure]:
                     return False
             if late and self.off(states[:, :4], law) > ON_GAIT:
                 return False

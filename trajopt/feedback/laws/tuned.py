@@ -36,7 +36,7 @@ from rimless_gym.kernel.stepping import (
     scratch,
 )
 from rimless_gym.params import WheelParams
-from rimless_gym.rules import exceeds
+from rimless_gym.rules import Extremes, violations
 from trajopt.feedback.gait_table import law_about
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
@@ -206,16 +206,17 @@ class Trial(NamedTuple):
 def walking_costs(law: Law, machines: Sequence[WheelParams], states: Floats) -> Floats:
     """Costs of transport (N,) of a law's walks with N machines from hybrid states (STATE_SIZE, N).
 
-    Infinite where the wheel falls, does not get ahead, or its foot lifts or slips.
+    Infinite where the wheel falls, does not get ahead, or breaks a rule of `rimless_gym.rules`.
     """
     ticks, measured = round(DURATION / CONTROL_PERIOD), round(WINDOW / CONTROL_PERIOD)
     columns = states.copy()
     inputs = columns, law.compiled, law.data, ticks, ticks - measured
-    fallen, energy, distance, demand, force = _walked(
+    fallen, energy, distance, *extremes = _walked(
         *inputs, *machine_arrays(machines), scratch(), kernel_address()
     )
-    frictions = np.array([each.friction for each in machines])
-    walking = ~fallen & (distance > 0.0) & (force > 0.0) & ~exceeds(demand, frictions)
+    worst = zip(machines, *extremes, strict=True)
+    lawful = [not violations(machine, Extremes(*each)) for machine, *each in worst]
+    walking = ~fallen & (distance > 0.0) & lawful
     idle = np.array([each.idle_power for each in machines]) * WINDOW
     weights = np.array([each.weight for each in machines])
     costs = np.full(len(machines), np.inf)
@@ -227,7 +228,8 @@ def walking_costs(law: Law, machines: Sequence[WheelParams], states: Floats) -> 
 def _walked(states, law, data, ticks, begin, constants, poles, work, kernel):  # type: ignore[no-untyped-def]
     n = states.shape[1]
     fallen, energy, distance = np.ones(n, np.bool_), np.zeros(n), np.zeros(n)
-    demand, force = np.zeros(n), np.full(n, np.inf)
+    force, clearance = np.full(n, np.inf), np.full(n, np.inf)
+    demand, impulse = np.zeros(n), np.zeros(n)
     volts, out = np.empty(n), np.empty((len(ROW), n))
     wheel, count, limit = np.arange(n), n, data.orbit.limit
     for k in range(ticks):
@@ -250,8 +252,9 @@ def _walked(states, law, data, ticks, begin, constants, poles, work, kernel):  #
             elif k >= begin:
                 energy[w] += out[ROW.electrical_positive, i]
                 distance[w] += out[ROW.distance, i]
-                at_touchdown = out[ROW.impulse_friction_demand, i]
-                demand[w] = max(demand[w], out[ROW.friction_demand, i], at_touchdown)
                 force[w] = min(force[w], out[ROW.min_normal_force, i])
+                demand[w] = max(demand[w], out[ROW.friction_demand, i])
+                impulse[w] = max(impulse[w], out[ROW.impulse_friction_demand, i])
+                clearance[w] = min(clearance[w], out[ROW.clearance, i])
     fallen[wheel[:count]] = False
-    return fallen, energy, distance, demand, force
+    return fallen, energy, distance, force, demand, impulse, clearance
