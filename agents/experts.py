@@ -43,7 +43,7 @@ EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.62, 1
 #: deviations of the gait's own motion. It is well within `NEAR`, where laws act themselves and not
 #: their start-up controllers. With 0.1, walks slip on the way from the gait of 0.52 m/s to that of
 #: 0.62.
-REACH = 0.06
+WITHIN_REACH = 0.06
 
 
 def expert_policy(
@@ -190,7 +190,7 @@ class GainSchedule:
         away = np.stack([squared_distances(smooth, law.orbit) for law in self.laws], axis=1)
         walking = (away.min(axis=1) <= NEAR**2) & (states[:, MODE] == SINGLE)
         left = np.abs(np.arange(len(self.laws)) - wanted[:, None]).astype(np.float64)
-        left[away > REACH**2] = np.inf
+        left[away > WITHIN_REACH**2] = np.inf
         towards = np.where(np.isfinite(left.min(axis=1)), left.argmin(axis=1), away.argmin(axis=1))
         return np.where(walking, towards, len(self.laws) - 1)
 

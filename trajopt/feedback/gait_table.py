@@ -48,7 +48,7 @@ BENT = 0.5
 #: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
 #: what is left of a wrong model then costs less. An identified machine has a firmer blend: up a
 #: slope of one degree the gentle one leaves the wheel in another cycle, for a third more.
-GENTLE, BLEND, IDENTIFIED_BLEND = 1.0, 0.2, 0.1
+TABLE_GENTLE, TABLE_BLEND, IDENTIFIED_BLEND = 1.0, 0.2, 0.1
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -87,7 +87,7 @@ class GaitTable:
             for sign in (1, -1)
         ]
         states = np.stack([phase.states[0, 0] for phase in gait.phases])
-        common = {"states": states, "duration": gait.duration, "gentle": GENTLE}
+        common = {"states": states, "duration": gait.duration, "gentle": TABLE_GENTLE}
         keys = [key("flat_law", params=each, **common) for each in machines]
         store = None if folder is None else Store(folder)
         rows = {k: store.load(k) for k in keys if store is not None and k in store}
@@ -194,8 +194,8 @@ def own_gait(gait: Solution, params: WheelParams, longer: int) -> Solution | Non
 
 def law_about(gait: Solution, ahead: float | None = lqr.AHEAD) -> Law:
     """The LQR about a gait, as the table has it; without a clock if `ahead` is None."""
-    law = lqr.design(gait, GENTLE, ahead)
-    return dataclasses.replace(law, data=law.data._replace(blend=BLEND))
+    law = lqr.design(gait, TABLE_GENTLE, ahead)
+    return dataclasses.replace(law, data=law.data._replace(blend=TABLE_BLEND))
 
 
 def flat(data: lqr.LqrGains) -> Floats:

@@ -40,7 +40,7 @@ from trajopt.store import Store, key
 COUNTS = (13, 36, 25, 61)
 
 #: The grid's rates reach so much further than the gait's own.
-REACH = 1.3
+RATES = 1.3
 
 #: Distance of the outermost nodes from the guards of touchdown (rad), which they must not cross.
 INSIDE = 1e-6
@@ -204,7 +204,7 @@ class StartUpController:
 
 def _grid(law: Law, counts: Sequence[int]) -> StateGrid:
     """The grid for the controller that leads to a law's gait."""
-    rates = REACH * np.abs(law.data.orbit.states[:, 2:]).max(axis=0)
+    rates = RATES * np.abs(law.data.orbit.states[:, 2:]).max(axis=0)
     return StateGrid.over(law.params, rates, counts)
 
 

@@ -53,7 +53,7 @@ LARGEST = 4.0
 
 #: Random states have rates from minus to plus so much times the gait's largest. They walk for so
 #: long (s), and the last seconds count.
-REACH, RANDOM_SECONDS, RANDOM_WINDOW, RANDOM_SEED = 1.5, 20.0, 4.0, 20150503
+RANDOM_RATES, RANDOM_SECONDS, RANDOM_WINDOW, RANDOM_SEED = 1.5, 20.0, 4.0, 20150503
 
 #: Standard deviations of the sensors' errors: angles (rad) and rates (rad/s).
 NOISE = {"leg_angle": 5e-4, "pendulum_angle": 5e-4, "leg_rate": 5e-3, "pendulum_rate": 1e-2}
@@ -222,7 +222,7 @@ def drawn_states(subject: Subject, count: int) -> Floats:
     gait only.
     """
     c, rng = subject.params.constants, np.random.default_rng(RANDOM_SEED)
-    fastest = REACH * np.abs(subject.law.data.orbit.states[:, 2:4]).max(axis=0)
+    fastest = RANDOM_RATES * np.abs(subject.law.data.orbit.states[:, 2:4]).max(axis=0)
     high, states = np.array([c.b, np.pi, *fastest]), np.zeros((count, STATE_SIZE))
     low, n = np.array([c.a, -np.pi, *-fastest]), 0
     while n < count:

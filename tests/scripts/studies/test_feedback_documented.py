@@ -37,7 +37,7 @@ def test_the_scale_of_the_sliding_mode_asks_for_what_the_page_says():
     transverse = transverse_dynamics(Grid.of(solution))
     later, now, _ = riccati(transverse, sliding_mode.EFFORT, sliding_mode.AHEAD)
     per_volt = np.einsum("ji,ji->j", np.roll(now, -FINENESS, axis=0), transverse.B[:, :, 0])
-    share = 1.0 - sliding_mode.REACH / sliding_mode.LAYER
+    share = 1.0 - sliding_mode.SWITCHING_GAIN / sliding_mode.LAYER
     most = [
         np.abs(transverse.per_deviation(share * each_now - each_later)[:, 0]).max()
         for each_now, each_later in (

@@ -174,7 +174,7 @@ def test_the_phase_is_the_angle_that_turns_steadily():
 
 def test_sigma_shrinks_in_every_period_and_keeps_its_sign(one_step):
     limit = P.voltage_limit
-    sliding = changed(sliding_mode.design(one_step), reach=0.2 * limit, layer=0.4 * limit)
+    sliding = changed(sliding_mode.design(one_step), switching_gain=0.2 * limit, layer=0.4 * limit)
     x = one_step.state(0.3) + [0.0, 0.0, 0.02, 0.0]
     visited, _, _ = path(sliding, x[None], 0.2)
     sigma = np.array([sliding_mode.sigma_now_and_later(x, sliding.data)[1] for x in visited[:, 0]])
@@ -187,4 +187,4 @@ def test_the_sliding_modes_voltage_does_not_chatter(one_step):
     visited, voltages, _ = path(sliding, one_step.state(0.2)[None], 5.0)
     nominal = [sliding_mode.sigma_now_and_later(x, sliding.data)[0] for x in visited[:, 0]]
     swings = np.abs(np.diff((voltages[:, 0] - nominal)[100:], 2))
-    assert swings.max() < 0.02 * sliding.data.reach
+    assert swings.max() < 0.02 * sliding.data.switching_gain

@@ -1,14 +1,14 @@
 """Discrete-time sliding mode on the deviation across a gait's orbit, at 100 Hz.
 
-    sigma = c(s) e,    V = V*(s) + sigma - c(s + T) A(s) e - reach sat(sigma / layer)
+    sigma = c(s) e,    V = V*(s) + sigma - c(s + T) A(s) e - gain sat(sigma / layer)
 
 e is the deviation across the orbit at its nearest point s, and e(s + T) = A e + B v what becomes of
 it in a control period T under V* + v (`trajopt.feedback.transverse`). With b = c(s + T) B(s),
 
-    sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e
+    sigma(s + T) = b (sigma - gain sat(sigma / layer)) + (1 - b) c(s + T) A e
 
 (Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995). The
-voltage of the switching term never exceeds `reach`, nor that of a small sigma its share.
+voltage of the switching term never exceeds `switching_gain`, nor that of a small sigma its share.
 
 c(s + T) = B' P / (r + B' P B), with P from the Riccati recursion of the LQR and r its cost of a
 squared volt: on the surface c e = 0 the motion is as under optimal control (Utkin and Young,
@@ -32,7 +32,7 @@ from trajopt.gaits.solution import Solution
 
 #: Volts by which sigma shrinks in a period, and half the width of the boundary layer, both as
 #: shares of the voltage limit. The former is the smaller one, or sigma would overshoot.
-REACH, LAYER = 0.5, 0.7
+SWITCHING_GAIN, LAYER = 0.5, 0.7
 
 #: Cost of a squared volt in the Riccati recursion behind the surface, where a squared deviation of
 #: one standard deviation of the gait's own motion costs 1.
@@ -50,7 +50,7 @@ class Surface(NamedTuple):
     later: Floats  # sigma a period later under V*, per deviation now, shape (n, 4)
     timing_now: Floats  # sigma per second by which the gait is ahead of its clock, shape (n,)
     timing_later: Floats  # the same a period later, shape (n,)
-    reach: float  # V
+    switching_gain: float  # V
     layer: float  # V
     clock: Clock  # the gait's
 
@@ -67,7 +67,7 @@ def design(solution: Solution) -> Law:
         later=grid.at_nodes(transverse.per_deviation(optimal.gains)),
         timing_now=grid.at_nodes(optimal.surface[:, 3]),
         timing_later=grid.at_nodes(optimal.gains[:, 3]),
-        reach=REACH * limit,
+        switching_gain=SWITCHING_GAIN * limit,
         layer=LAYER * limit,
         clock=clock,
     )
@@ -92,4 +92,4 @@ def sigma_now_and_later(x, data):  # type: ignore[no-untyped-def]
 def volts(x, mode, data):  # type: ignore[no-untyped-def]
     """The voltage for a state (4,)."""
     u, sigma, free = sigma_now_and_later(x, data)
-    return u + sigma - free - data.reach * min(max(sigma / data.layer, -1.0), 1.0)
+    return u + sigma - free - data.switching_gain * min(max(sigma / data.layer, -1.0), 1.0)
