@@ -1,6 +1,6 @@
 """What can be imitated: feedback laws, gain schedules of them, and learned policies in files.
 
-A feedback law holds one gait. A gain schedule has one law for every speed at which a step lasts a
+A feedback law holds one gait. A gain schedule has one law for every speed at which two steps last a
 whole number of control intervals. Near one of its gaits, of the laws whose gaits are within reach
 the one nearest to the commanded speed acts, so that a change of command is followed step by step: a
 law that is far from its gait may lose the foot, or slip. Elsewhere the fastest law acts, whatever
@@ -26,14 +26,15 @@ from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
-from trajopt import periodic_gait
+from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
-from trajopt.feedback.controller import NEAR
+from trajopt.feedback.controller import NEAR, ContactGuard, margin_for
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
-from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.fronts import Wanted, cot_front, solved
 from trajopt.gaits.held_stride import held_speeds
+from trajopt.gaits.library import repeated
 from trajopt.pool import announce, progress_bar
 
 #: What is imitated by default: a feedback law, and the gait that it holds.
@@ -201,9 +202,10 @@ def gain_schedule(
     cache: Path | None = None,
     progress: bool = True,
 ) -> GainSchedule:
-    """Feedback laws about the most efficient held gaits of the speeds that may be commanded.
+    """Feedback laws about the most efficient held gaits of one step, for commanded speeds.
 
-    Other schedules use the folder `cache` of gaits and plans too.
+    Where a step lasts half an interval more than whole ones, the gait has two steps, which are
+    nearly alike. Other schedules use the folder `cache` of gaits and plans too.
 
     Raises:
         NoGaitError: there is no gait at any of the speeds.
@@ -218,8 +220,22 @@ def gain_schedule(
     speeds = [speed for speed in held if speed <= fastest] or held
     front = cot_front(params, speeds, [EXPERT_STEPS], hold=period, folder=cache, progress=progress)
     scheduled = []
-    for gait in progress_bar("laws", progress, iterable=front.envelope, unit="law", leave=False):
-        law = laws.holding(name, gait)
-        policy = controller_policy(params, laws.design(law, gait, cache))
-        scheduled.append(ScheduledLaw(gait.speed, policy, law.data.orbit))
-    return GainSchedule(tuple(scheduled))
+    for one_step in progress_bar("laws", progress, iterable=front.envelope, unit="law"):
+        for gait in (one_step, *_halfway(one_step, fastest, cache)):
+            law = laws.holding(name, gait)
+            # so near its gait a law acts by itself
+            policy = controller_policy(params, ContactGuard(params, law, margin_for(gait)))
+            scheduled.append(ScheduledLaw(gait.speed, policy, law.data.orbit))
+    startup = controller_policy(params, laws.design(law, gait, cache))
+    return GainSchedule((*scheduled[:-1], scheduled[-1]._replace(policy=startup)))
+
+
+def _halfway(gait: Solution, fastest: float, cache: Path | None) -> tuple[Solution, ...]:
+    """The gait of two steps that last half a period less than another's one, up to a speed."""
+    params, hold = gait.params, gait.hold
+    assert hold is not None
+    speed = params.step_length / (gait.duration - hold / 2)
+    if speed > fastest:
+        return ()
+    found = solved(Wanted(params, speed, 2, False, hold), [repeated(gait, 2)], cache)
+    return () if isinstance(found, str) else (found,)

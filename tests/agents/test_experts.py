@@ -62,16 +62,18 @@ def test_at_rest_on_two_feet_nothing_is_on_a_gait():
 
 
 @pytest.mark.slow
-def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed():
-    conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.57), 0.01)
-    schedule = gain_schedule("lqr", conditions)
-    assert len(schedule.speeds) == 1
+def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed(tmp_path):
+    """Those of whole control periods in a step, and of half a one more."""
+    conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.573), 0.01)
+    schedule = gain_schedule("lqr", conditions, tmp_path)
+    assert BUILDABLE.step_length / (0.005 * schedule.speeds) == pytest.approx([92, 91])
     starts = draw_starts(BUILDABLE, 6, 0)
-    distance = np.zeros(6)
-    for k, interval in enumerate(Rollout(conditions, schedule, starts, 1600, command=0.566)):
-        if k >= 1000:
-            distance[interval.running] += interval.info["distance"]
-    assert distance / 6.0 == pytest.approx(schedule.speeds[0], rel=0.02)
+    for speed in schedule.speeds:
+        distance = np.zeros(6)
+        for k, interval in enumerate(Rollout(conditions, schedule, starts, 2000, command=speed)):
+            if k >= 1000:
+                distance[interval.running] += interval.info["distance"]
+        assert distance.mean() / 10.0 == pytest.approx(speed, rel=0.005)
 
 
 def test_a_machines_own_law_acts_from_as_far_away_as_its_gait_is_from_the_nominal_one():

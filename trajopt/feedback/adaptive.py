@@ -7,8 +7,9 @@ law from a table: the gaits of machines of which one parameter differs, and thei
 a step stays the same, so that all of them keep to the same clock.
 
 Near the speed of least cost, where the wheel hardly falls from foot to foot, there is no such
-table: a little more of a parameter, and the gait changes its kind. There it walks a slower gait
-first, then the identified machine's own, whose steps get shorter by a control period at a time.
+table: a little more of a parameter, and the optimum jumps to another branch. There it walks a
+slower gait first, then the identified machine's own, whose steps get shorter by a control period at
+a time.
 
 The fitted model has the structure of the simulator's; what it lacks is in docs/feedback.md.
 """
@@ -67,7 +68,7 @@ PLANNED = 1, 2
 SOLVING = 1.0
 
 #: A shorter step costs at most so many times as much as the longer one: beyond its own speed of
-#: least cost, a machine's gait changes its kind within a control period.
+#: least cost, a machine's optimum may jump to another branch within a control period.
 COSTLY = 1.1
 
 #: A law about the first gait that was solved for, and one about a gait of shorter steps, acts from
@@ -85,13 +86,13 @@ TRIALS, TRIAL = 4, 6.0
 #: identified machine itself is often refused, and the walk stays at a slower gait.
 SPREAD = 0.5
 
-#: Within which share of the distance up to which the nominal law acts a walk is on its gait. A law
-#: is given up if the walk is beyond that distance once it has been in use for so long (s).
+#: A walk is on its gait within this share of the distance up to which the nominal law acts. A law
+#: is given up if the walk is beyond that distance once the law has been in use for so long (s).
 ON_GAIT, SETTLED = 0.5, 1.5
 
 #: For a machine whose first fit is far from the table, the first steps are longer by so many
-#: control periods: the nominal machine's costs to go lead to that gait, even if its own one lands
-#: slowly.
+#: control periods: the nominal machine's value function leads to that gait, even if its own one
+#: lands slowly.
 LONGER = 3
 
 #: Least rate of the leg at a touchdown (rad/s) of the gait that is walked first.
@@ -174,7 +175,7 @@ class AdaptiveController:
 
     Attributes:
         table: of laws about the gait that is walked first.
-        startup: leads the nominal machine to that gait; another machine's uses its costs to go.
+        startup: leads the nominal machine to that gait; another machine's uses its value function.
         near: distance from a gait up to which its law acts.
         wanted: the gait to come to: the first one, or one of shorter steps.
         encoders: standard deviation of the encoders' errors (rad), > 0; errors of this size are
@@ -446,7 +447,7 @@ class AdaptiveWalks:
                 self._use(row, before[-1])
 
     def _coming(self, row: int) -> Plan | None:
-        """The next plan: of later fits and steps as short as now, or of shorter steps."""
+        """The next plan: of later fits or of shorter steps; if there is one, of steps no longer."""
         plan, ladder = self.plans[row], self._ladders[row]
         if plan is None:
             return ladder[0] if ladder else None
@@ -525,8 +526,8 @@ class AdaptiveWalks:
     def _plan(self, row: int) -> None:
         """Solve for the gaits of a machine that needs its own.
 
-        The law in use stays where it holds the machine as it is now known and none of steps as
-        short was found.
+        Where none of steps as short is found, the law in use stays if it holds the machine as it
+        is now known, or if no other is found.
         """
         controller, params, plan = self.controller, self.machines[row], self.plans[row]
         other, fits = controller.shorter > 0, int(self.identified[row])

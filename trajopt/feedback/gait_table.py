@@ -41,8 +41,8 @@ ALIKE = {
     "armature_resistance": -1.0,
 }
 
-#: Largest change of a number's slope in the table, as a share of its change: beyond, gaits change
-#: their kind within it.
+#: Largest second difference of a table's numbers, as a share of their largest first difference:
+#: beyond, the optimum jumps to another branch within the table.
 BENT = 0.5
 
 #: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
@@ -99,7 +99,7 @@ class GaitTable:
             rows[name] = row
             if store is not None:
                 store.save(name, row)
-        return cls(gait, law_about(gait), names, _smooth([rows[k] for k in keys], gait, names))
+        return cls(gait, law_about(gait), names, _smooth_rows([rows[k] for k in keys], gait, names))
 
     @property
     def params(self) -> WheelParams:
@@ -131,8 +131,8 @@ class GaitTable:
         return np.asarray(self.rows[0] + ((up - down) * d + (up + down) * d**2).sum(axis=0) / 2)
 
 
-def _smooth(rows: Sequence[Floats | None], gait: Solution, names: Sequence[str]) -> Floats:
-    """The rows of a table; refuses a gait near which others change their kind."""
+def _smooth_rows(rows: Sequence[Floats | None], gait: Solution, names: Sequence[str]) -> Floats:
+    """The rows of a table; refuses a gait near which the optimum jumps to another branch."""
     for name, up, down in zip(names, rows[1::2], rows[2::2], strict=True):
         if rows[0] is None or up is None or down is None:
             found = "no gait was found that a law holds"

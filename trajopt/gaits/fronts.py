@@ -138,11 +138,11 @@ def cot_front(
                 continue
             bar.set_postfix_str(f"{count} steps, {speed:g} m/s")
             wanted = Wanted(params, speed, count, regeneration)
-            gait = _solved(wanted, free, folder)
+            gait = solved(wanted, free, folder)
             if isinstance(gait, Solution):
                 free.append(gait)
                 if hold is not None:
-                    gait = _solved(wanted._replace(hold=hold), [gait], folder)
+                    gait = solved(wanted._replace(hold=hold), [gait], folder)
             if isinstance(gait, str):
                 missing.append((count, speed, gait))
             elif hold is not None:
@@ -188,7 +188,7 @@ def front_file(steps: int, speed: float, hold: float | None = None) -> str:
     return f"front_{steps}_steps_{speed:g}{clock}.npz"
 
 
-def _solved(wanted: Wanted, known: Sequence[Solution], folder: Path | None) -> Solution | str:
+def solved(wanted: Wanted, known: Sequence[Solution], folder: Path | None) -> Solution | str:
     """A gait, or why there is none: read from the folder if it is there, else solved and saved.
 
     Args:

@@ -49,7 +49,7 @@ def distances(law, states):
     "name",
     [pytest.param(n, marks=[pytest.mark.slow] * (n in laws.SLOW)) for n in laws.names()],
 )
-def test_every_law_in_the_folder_holds_its_gait(name, held, walk):
+def test_every_law_in_the_folder_keeps_stepping_from_its_gait(name, held, walk):
     totals, _ = walk(laws.holding(name, held), held.state(np.linspace(0.05, 0.85, 4)), 8.0)
     assert totals[:, ROW.steps].min() >= 4
 

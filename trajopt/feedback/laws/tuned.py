@@ -43,7 +43,7 @@ from trajopt.feedback.laws import lqr
 from trajopt.gaits.solution import Solution
 from trajopt.identification.fit import machines_within, physical
 from trajopt.pool import cores, progress_bar
-from trajopt.store import Store, key
+from trajopt.store import Store, file_digest, key
 
 with extra("learn"):
     import cma
@@ -89,9 +89,9 @@ def design(solution: Solution, folder: Path | None = None) -> Law:
     if folder is None:
         return law_with(solution, tune(solution))
     store, first = Store(folder), law_about(solution, ahead=None).data
-    search = {"share": SHARE, "generations": GENERATIONS, "spread": SPREAD, "loss": LOSS_WEIGHT}
     gains = (first.gentle, first.firm, first.blend)
-    name = key("tuned", params=solution.params, orbit=first.orbit.states, gains=gains, **search)
+    code = file_digest(Path(__file__))
+    name = key("tuned", params=solution.params, orbit=first.orbit.states, gains=gains, code=code)
     if name not in store:
         store.save(name, tune(solution))
     return law_with(solution, store.load(name))
@@ -206,7 +206,8 @@ class Trial(NamedTuple):
 def walking_costs(law: Law, machines: Sequence[WheelParams], states: Floats) -> Floats:
     """Costs of transport (N,) of a law's walks with N machines from hybrid states (STATE_SIZE, N).
 
-    Infinite where the wheel falls, does not get ahead, or breaks a rule of `rimless_gym.rules`.
+    Infinite where the wheel falls or, in the last `WINDOW`, does not get ahead or breaks a rule of
+    `rimless_gym.rules`.
     """
     ticks, measured = round(DURATION / CONTROL_PERIOD), round(WINDOW / CONTROL_PERIOD)
     columns = states.copy()
