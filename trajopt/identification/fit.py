@@ -66,6 +66,9 @@ OUTLIER = 10.0
 #: A fit with a larger chi2 per degree of freedom is of another machine, or went wrong.
 MOST_CHI2 = 3.0
 
+#: One below this is of errors that are far smaller than those given.
+SMALL_CHI2 = 0.1
+
 #: A direction of which the log holds less information than this, per squared tolerance, is not
 #: identifiable.
 LEAST_INFORMATION = 1.0
@@ -111,7 +114,9 @@ class Identification:
             parameter, in tolerances; what was known before stands in them.
         residuals: root mean square by channel, in standard deviations of its noise.
         chi2: sum of squared residuals per degree of freedom; about 1 for the right machine.
-        samples: how many were compared.
+        samples: how many values were compared.
+        left_out: share of the values in pieces that fit far worse than the others (`OUTLIER`), and
+            so were not.
     """
 
     params: WheelParams
@@ -123,6 +128,7 @@ class Identification:
     residuals: Mapping[str, float]
     chi2: float
     samples: int
+    left_out: float
 
     @property
     def values(self) -> Floats:
@@ -140,7 +146,12 @@ class Identification:
             change = f"{value / before - 1:+9.2%}" if before else f"{'':9}"
             little = "  little in the log" if sd > LITTLE * known else ""
             lines.append(f"{name:20}{before:12.5g}{value:12.5g}{sd:10.2g}{change}{little}")
-        lines.append(f"chi2 per degree of freedom {self.chi2:.3g}, {self.samples} samples")
+        lines.append(
+            f"chi2 per degree of freedom {self.chi2:.3g}, {self.samples} values"
+            + (f", {self.left_out:.0%} left out" if self.left_out else "")
+        )
+        if self.chi2 < SMALL_CHI2:
+            lines.append(f"the errors given are {self.chi2**-0.5:.0f} times those of the log")
         lines += [f"residual of {c}: {r:.2f} sd" for c, r in self.residuals.items()]
         for each in self.unidentifiable:
             parts = [f"{share:+.2f} {name}" for name, share in each.items()]
@@ -194,6 +205,7 @@ def identify(
         for longest in PASSES:
             pieces = fit.pieces(longest, starts)
             q, pieces, system = fit.solved(pieces, q)
+            compared = system.compared
             for _ in range(len(pieces.begins) // FEWEST):
                 if (kept := fit.without_worst(pieces, system)) is None:
                     break
@@ -230,7 +242,8 @@ def identify(
     shown = system.information / max(chi2, 1.0)
     after = np.linalg.inv(shown + prior) * np.outer(scale, scale)
     return Identification(
-        *(machine, params, free, scale, after, unidentifiable, residuals, chi2, system.compared)
+        *(machine, params, free, scale, after, unidentifiable, residuals, chi2, system.compared),
+        left_out=1 - system.compared / compared,
     )
 
 
@@ -419,28 +432,35 @@ class _Fit:
         return q, pieces, system
 
     def system(self, pieces: _Pieces, q: Floats) -> _System:
-        """The system about a point."""
+        """The system about a point; of infinite squares for a machine that cannot be."""
         k, p, before = len(q), self.value(q), self.value(np.zeros(len(q)))
+        n, channels = len(pieces.begins), len(self.channels)
+        refused = _System(
+            *(np.eye(k), q, math.inf, np.full(channels, math.inf), 0),
+            *((np.zeros((n, 4)), np.zeros((n, 4, k))), np.full(n, math.inf)),
+        )
         wrong = np.where(before == 0, p < 0, p * before <= 0)
         if wrong[[name != "slope" for name in self.free]].any():
-            none = np.zeros(0)
-            return _System(np.eye(k), q, math.inf, none, 0, (none, none), none)
+            return refused
         r, J = self.residuals(pieces, p)
         J[..., 4:] *= self.scale
-        n = len(pieces.begins)
         flat, rows = J.reshape(n, -1, 4 + k), r.reshape(n, -1)
         H = flat.swapaxes(1, 2) @ flat
         g = np.einsum("nij,ni->nj", flat, rows)
         H[:, :4, :4] += np.diag(FREE_START**-2)
-        inverse = np.linalg.inv(H[:, :4, :4])
+        try:
+            inverse = np.linalg.inv(H[:, :4, :4])
+        except np.linalg.LinAlgError:  # the motion has diverged
+            return refused
         own, per = -np.einsum("nij,nj->ni", inverse, g[:, :4]), -inverse @ H[:, :4, 4:]
         information = (H[:, 4:, 4:] + H[:, 4:, :4] @ per).sum(axis=0)
         gradient = (g[:, 4:] + np.einsum("nij,nj->ni", H[:, 4:, :4], own)).sum(axis=0)
         squares = float((r**2).sum())
-        squares = squares if math.isfinite(squares) else math.inf
+        if not (math.isfinite(squares) and np.isfinite(information).all()):
+            return refused
         number = int(pieces.inside.sum())
         rms = np.sqrt((r**2).sum(axis=(0, 1)) / number)
-        compared = number * len(self.channels)
+        compared = number * channels
         return _System(
             *(0.5 * (information + information.T), gradient, squares, rms, compared, (own, per)),
             (r**2).sum(axis=(1, 2)),

@@ -30,6 +30,14 @@ def driven(machine=MACHINE, seconds=2.0, seed=0, volts=6.0):
     )
 
 
+def rocking(machine, share, seed):
+    """A log of a wheel that rocks from rest, under voltages up to a share of its limit."""
+    volts = iter(np.random.default_rng(seed).uniform(-share, share, 100).repeat(12))
+    return logged(
+        lambda x, seen: np.array([next(volts)]), machine, at_rest(machine), 4.0, Noise(), seed
+    )
+
+
 @pytest.fixture(scope="module")
 def log() -> Log:
     return driven()
@@ -53,11 +61,7 @@ def test_a_wheel_that_rocks_and_a_motor_that_is_stiff_are_found_too(machine, sha
     Once it turns back where one sees it, once not. The rates of `PROTOTYPE` decay within a third of
     a sample.
     """
-    volts = iter(np.random.default_rng(seed).uniform(-share, share, 100).repeat(12))
-    log = logged(
-        lambda x, seen: np.array([next(volts)]), machine, at_rest(machine), 4.0, Noise(), seed
-    )
-    found = identify(log, machine)
+    found = identify(rocking(machine, share, seed), machine)
     off = found.values - [getattr(machine, name) for name in found.free]
     assert off @ np.linalg.solve(found.covariance, off) < 4 * len(off)
     assert 0.7 < found.chi2 < 1.3
@@ -141,6 +145,22 @@ def test_a_log_is_read_as_it_was_written(log: Log, tmp_path: Path, suffix: str) 
     few = dataclasses.replace(log, current=None)
     few.save(file)
     assert Log.load(file).current is None
+
+
+def test_a_fit_that_diverges_on_its_way_is_refused_with_its_chi2() -> None:
+    with pytest.raises(LogError, match=r"chi2 = \d"):
+        identify(rocking(PROTOTYPE, 0.15, 0), BUILDABLE.replace(n_legs=5))
+
+
+def test_the_report_has_what_was_left_out_and_errors_that_are_too_large(log: Log) -> None:
+    volts = log.voltage.copy()
+    volts[60:68] *= -1
+    found = identify(dataclasses.replace(log, voltage=volts), MACHINE)
+    assert 0.0 < found.left_out < 0.4  # a stance of some
+    assert f", {found.left_out:.0%} left out" in found.report()
+    exact = identify(log, MACHINE, noise=Noise(0.01, 0.05, 0.1))
+    assert exact.left_out == 0.0
+    assert "the errors given are 10 times those of the log" in exact.report()
 
 
 def test_useless_logs_are_refused_with_the_number_that_shows_it(log: Log, tmp_path: Path) -> None:
