@@ -43,6 +43,7 @@ from rimless_gym.rules import Extremes, violations
 from trajopt.feedback.controller import ContactGuard, SwitchingController, margin_for
 from trajopt.feedback.gait_table import (
     IDENTIFIED_BLEND,
+    STEEP_BLEND,
     GaitTable,
     flat,
     gains_of,
@@ -269,7 +270,8 @@ class AdaptiveController:
 
     def planned(self, params: WheelParams, law: Floats, shorter: int) -> ContactGuard:
         """A flat law about an identified machine's own gait, with what leads to it; see `Plan`."""
-        data = gains_of(law, self.table.law.data)._replace(blend=IDENTIFIED_BLEND)
+        blend = IDENTIFIED_BLEND if self.table.has(params.slope) else STEEP_BLEND
+        data = gains_of(law, self.table.law.data)._replace(blend=blend)
         return self.with_startup(Law(params, lqr.volts, data), WIDER[shorter > 0])
 
     def own_laws(self, machines: Sequence[WheelParams], first: int = 0) -> list[Floats]:

@@ -294,6 +294,15 @@ def test_on_a_slope_beyond_the_table_the_start_up_controller_walks_by_itself(con
     assert volts[1] == 0.25
 
 
+def test_an_identified_machines_law_is_firmer_on_a_steep_slope(controller, held, monkeypatch):
+    monkeypatch.setattr(AdaptiveController, "startup_on", lambda *given: Startup(held.params))
+    level, steep = (
+        controller.planned(held.params.replace(slope=slope), controller.table.rows[0], 0)
+        for slope in (0.0, 0.03)
+    )
+    assert steep.controller.law.data.blend < level.controller.law.data.blend
+
+
 def test_what_leads_to_the_gait_on_a_steep_slope_is_of_whole_degrees_and_made_once(
     controller, held, monkeypatch
 ) -> None:
