@@ -220,7 +220,8 @@ def gain_schedule(
     speeds = [speed for speed in held if speed <= fastest] or held
     front = cot_front(params, speeds, [EXPERT_STEPS], hold=period, folder=cache, progress=progress)
     scheduled = []
-    for one_step in progress_bar("laws", progress, iterable=front.envelope, unit="law"):
+    gaits = progress_bar("laws", progress, iterable=front.envelope, unit="gait", leave=False)
+    for one_step in gaits:
         for gait in (one_step, *_halfway(one_step, fastest, cache)):
             law = laws.holding(name, gait)
             # so near its gait a law acts by itself

@@ -63,7 +63,7 @@ def test_at_rest_on_two_feet_nothing_is_on_a_gait():
 
 @pytest.mark.slow
 def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed(tmp_path):
-    """Those of whole control periods in a step, and of half a one more."""
+    """One whose step lasts whole control periods, and one of half a period less."""
     conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.573), 0.01)
     schedule = gain_schedule("lqr", conditions, tmp_path)
     assert BUILDABLE.step_length / (0.005 * schedule.speeds) == pytest.approx([92, 91])

@@ -48,7 +48,7 @@ BENT = 0.5
 #: Gentler than the LQR's own, which must hold machines that are not known (`lqr.GENTLE`, `BLEND`):
 #: what is left of a wrong model then costs less. An identified machine has a firmer blend, and a
 #: still firmer one on a slope beyond the table: up one degree a gentler one leaves the wheel in
-#: another cycle, for a third more, and with 0.1 for 4 % more.
+#: another cycle, for a third more, and 0.1 for 2 to 4 % more.
 TABLE_GENTLE, TABLE_BLEND, IDENTIFIED_BLEND, STEEP_BLEND = 1.0, 0.2, 0.1, 0.05
 
 

@@ -44,7 +44,7 @@ class Law:
             the gait's `trajopt.feedback.orbit.Orbit`.
         smooth: whether the voltage has a derivative by the state on the gait; the best of several
             candidates has none.
-        reach: multiplies the distance from its gait up to which it acts (`near_for`)
+        reach: multiplies the distance from its gait up to which it acts
             (`trajopt.feedback.startup.near_for`); > 0.
 
     Raises:

@@ -50,6 +50,19 @@ def controller(held, law):
     return AdaptiveController(table, Startup(held.params), 0.5, held)
 
 
+def walk_on(walks, held, ticks):
+    """One walk of the nominal machine, from its gait, that lasts."""
+
+    def policy(states, observations):
+        modes = states[:, MODE].astype(np.int64)
+        return (
+            walks(np.arange(1), states[:, :4], modes, states[:, FOOT]) / held.params.voltage_limit
+        )
+
+    start = hybrid_states(held.state([0.1]), SINGLE)
+    assert len(list(Rollout(Conditions(held.params), policy, start, ticks))) == ticks
+
+
 def test_a_table_has_its_machines_laws_and_a_parabola_between_them(controller, law) -> None:
     table, nominal = controller.table, controller.params
     np.testing.assert_array_equal(table.flat_law(nominal), table.rows[0])
@@ -146,14 +159,7 @@ def test_a_law_stays_in_use_while_it_holds_what_the_machine_is_now_known_to_be(
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
     monkeypatch.setattr(adaptive, "SOLVING", 0.1)
     walks = controller.begin(1)
-
-    def policy(states, observations):
-        modes = states[:, 4].astype(np.int64)
-        volts = walks(np.arange(1), states[:, :4], modes, states[:, 5])
-        return volts / held.params.voltage_limit
-
-    start = hybrid_states(held.state([0.1]), SINGLE)
-    assert len(list(Rollout(Conditions(held.params), policy, start, 420))) == 420
+    walk_on(walks, held, 420)
     assert walks.plans[0].shorter == shorter
 
 
@@ -206,14 +212,7 @@ def test_gaits_are_solved_for_again_if_the_next_one_is_never_reached(
     monkeypatch.setattr(AdaptiveController, "shorter", 1)
     monkeypatch.setattr(adaptive, "PLANNED", (1, 1))
     walks = controller.begin(1)
-
-    def policy(states, observations):
-        modes = states[:, 4].astype(np.int64)
-        volts = walks(np.arange(1), states[:, :4], modes, states[:, 5])
-        return volts / held.params.voltage_limit
-
-    start = hybrid_states(held.state([0.1]), SINGLE)
-    assert len(list(Rollout(Conditions(held.params), policy, start, 1210))) == 1210
+    walk_on(walks, held, 1210)
     assert len(solved) == 2
     assert walks.plans[0].shorter == 0
 

@@ -258,4 +258,4 @@ def _walked(states, law, data, ticks, begin, constants, poles, work, kernel):  #
                 impulse[w] = max(impulse[w], out[ROW.impulse_friction_demand, i])
                 clearance[w] = min(clearance[w], out[ROW.clearance, i])
     fallen[wheel[:count]] = False
-    return fallen, energy, distance, force, demand, impulse, clearance
+    return fallen, energy, distance, force, demand, impulse, clearance  # the last as in `Extremes`
