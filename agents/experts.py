@@ -152,7 +152,8 @@ class OwnLaws:
         law, places = controller.law_of(machine), (np.arange(COMPARED) + 0.5) / COMPARED
         states = np.ascontiguousarray(gait.state(gait.duration * places))
         apart = float(np.sqrt(squared_distances(states, law.data.orbit)).max())
-        return controller.with_startup(law, 1.0 + apart / controller.near)
+        farther = dataclasses.replace(law, reach=1.0 + apart / controller.near)
+        return controller.with_startup(farther)
 
 
 class ScheduledLaw(NamedTuple):

@@ -157,7 +157,8 @@ def robustness(
             for which, tasks in todo.items()
         }
         every_walk = [walk for several in walks.values() for walk in several if walk.walks]
-        optima = list(dict.fromkeys(OwnGait(each.machine, each.ticks, out) for each in every_walk))
+        own = (OwnGait(each.machine, n, out) for each in every_walk for n in each.between)
+        optima = list(dict.fromkeys(own))
         _compute(store, optima, optimal, workers)
         costs = {(each.machine, each.ticks): store.load(_key(each))["cot"] for each in optima}
     text = table(every, names, walks, costs)
@@ -299,9 +300,14 @@ class Walk(NamedTuple):
         return math.isfinite(self.cot)
 
     @property
-    def ticks(self) -> int:
-        """Of the gait with which it is compared: the nearest one of whole control periods."""
-        return round(self.machine.step_length / (self.speed * CONTROL_PERIOD))
+    def ticks(self) -> float:
+        """Control periods per step."""
+        return self.machine.step_length / (self.speed * CONTROL_PERIOD)
+
+    @property
+    def between(self) -> tuple[int, int]:
+        """The whole control periods of the gaits with which it is compared."""
+        return math.floor(self.ticks), math.floor(self.ticks) + 1
 
 
 def _results(task: CaseWalks, result: Mapping[str, Any]) -> list[Walk]:
@@ -352,11 +358,12 @@ def table(
 
 def _gap(walk: Walk, costs: Mapping[tuple[WheelParams, int], float | None]) -> float | None:
     """A walk's cost over the optimum at its speed, less one; None without either."""
-    if not walk.walks or (cost := costs[walk.machine, walk.ticks]) is None:
+    if not walk.walks:
         return None
-    # between whole periods the optimum is as much higher or lower as the nominal machine's
-    front, at = one_step_front(), walk.speed * BUILDABLE.step_length / walk.machine.step_length
-    return float(walk.cot / cost * front(_speed(walk.ticks)) / front(at) - 1)
+    known = {n: cost for n in walk.between if (cost := costs[walk.machine, n]) is not None}
+    if not known:
+        return None
+    return float(walk.cot / np.interp(walk.ticks, list(known), list(known.values())) - 1)
 
 
 @lru_cache

@@ -11,6 +11,8 @@ from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.kernel.stepping import MODE
+from trajopt.feedback.law import Law
+from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit
 
 STATE = np.array([[1.5, 0.0, -2.0, 0.0, SINGLE, 0.0]])
@@ -78,11 +80,11 @@ def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed(tmp_path):
 
 def test_a_machines_own_law_acts_from_as_far_away_as_its_gait_is_from_the_nominal_one():
     nominal = SimpleNamespace(duration=1.0, state=lambda times: np.repeat(STATE[:, :4], 10, axis=0))
-    own = SimpleNamespace(data=law(0.56, 0.0, offset=0.1))
+    own = Law(BUILDABLE, lqr.volts, law(0.56, 0.0, offset=0.1))
     controller = SimpleNamespace(
         table=SimpleNamespace(gait=nominal, has=lambda slope: True),
         law_of=lambda machine: own,
-        with_startup=lambda law, wider: wider,
+        with_startup=lambda law: law.reach,
         near=0.05,
     )
     assert OwnLaws(controller).controller_for(BUILDABLE) == pytest.approx(

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.checks import require_kind
+from rimless_gym.checks import positive, require_kind
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -183,6 +183,9 @@ class AdaptiveController:
             added to the logged angles, which a simulation has exactly.
         folder: where start-up controllers for slopes are stored; None: nowhere.
         on_slopes: those that were needed so far, by whole degrees.
+
+    Raises:
+        TypeError, ValueError: `encoders` is not a positive number.
     """
 
     table: GaitTable
@@ -192,6 +195,9 @@ class AdaptiveController:
     encoders: float = 1e-3
     folder: Path | None = None
     on_slopes: dict[int, StartUpController] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        positive("encoders", self.encoders)
 
     @classmethod
     def about(cls, gait: Solution, folder: Path | None = None) -> AdaptiveController:
@@ -227,10 +233,10 @@ class AdaptiveController:
         """Of the contact guard, which must not act on either gait."""
         return min(margin_for(self.table.gait), margin_for(self.wanted))
 
-    def with_startup(self, law: Law, wider: float = 1.0) -> ContactGuard:
+    def with_startup(self, law: Law) -> ContactGuard:
         """A law with what leads to its gait, from the gait that is walked first."""
         startup = dataclasses.replace(self.startup_on(law.params.slope), params=law.params)
-        switching = SwitchingController(law, startup, wider * self.near)
+        switching = SwitchingController(law, startup, law.reach * self.near)
         return ContactGuard(law.params, switching, self.margin)
 
     def startup_on(self, slope: float) -> StartUpController:
@@ -272,7 +278,7 @@ class AdaptiveController:
         """A flat law about an identified machine's own gait, with what leads to it; see `Plan`."""
         blend = IDENTIFIED_BLEND if self.table.has(params.slope) else STEEP_BLEND
         data = gains_of(law, self.table.law.data)._replace(blend=blend)
-        return self.with_startup(Law(params, lqr.volts, data), WIDER[shorter > 0])
+        return self.with_startup(Law(params, lqr.volts, data, reach=WIDER[shorter > 0]))
 
     def own_laws(self, machines: Sequence[WheelParams], first: int = 0) -> list[Floats]:
         """The laws about a machine's own gaits, flat, each one's steps a control period shorter.
@@ -413,7 +419,12 @@ class AdaptiveWalks:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a `state` of as many walks with the same controller."""
+        """Go on from a `state` of as many walks with the same controller; else a ValueError."""
+        if np.shape(state["covariance"]) != self._covariance.shape:
+            raise ValueError(
+                f"state: of walks and parameters {np.shape(state['covariance'])[:2]}; here there "
+                f"are {self._covariance.shape[:2]}; begin as many walks with the same controller"
+            )
         self.tick = int(state["tick"])
         self.machines = [WheelParams(**each) for each in state["machines"]]
         self.identified, self._memory = np.array(state["identified"]), np.array(state["memory"])

@@ -15,7 +15,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, advance, hybrid_states
 from trajopt.feedback import adaptive
 from trajopt.feedback.adaptive import AdaptiveController, forgotten, sturdy
-from trajopt.feedback.gait_table import ALIKE, GaitTable, flat, gains_of
+from trajopt.feedback.gait_table import ALIKE, GaitTable, flat, gains_of, law_about, own_gait
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import squared_distances
@@ -119,6 +119,14 @@ def test_a_changed_machine_is_identified_and_a_restored_walk_goes_on_bit_for_bit
     assert [plan.shorter for plan in other.plans] == [1, 1]
     assert (other.identified == 1).all()
     np.testing.assert_array_equal(other.since, [220, 220])
+
+
+def test_only_a_state_of_as_many_walks_and_positive_errors_are_accepted(controller) -> None:
+    walks = controller.begin(2)
+    with pytest.raises(ValueError, match=r"\(3, 1\).*\(2, 1\)"):
+        walks.restore(controller.begin(3).state())
+    with pytest.raises(ValueError, match=r"encoders = 0"):
+        dataclasses.replace(controller, encoders=0.0)
 
 
 def test_a_voltage_that_comes_late_is_that_of_the_predicted_state(controller, held) -> None:
@@ -415,6 +423,18 @@ def test_an_identified_machine_walks_its_own_gait_from_the_nominal_one(controlle
         volts = Law(machine, lqr.volts, data)(states[:, :4], states[:, MODE].astype(int))
         advance(machine, states, volts)
     assert (squared_distances(states[:, :4], data.orbit) < 0.01**2).all()
+
+
+@pytest.mark.slow
+def test_a_table_gives_a_machine_between_its_rows_the_law_about_its_own_gait(held) -> None:
+    table = GaitTable.about(held)
+    assert len(table.rows) == 2 * len(table.names) + 1
+    changes = {"pendulum_length": 1.013, "wheel_mass": 0.99}
+    machine = held.params.replace(
+        **{name: share * getattr(held.params, name) for name, share in changes.items()}
+    )
+    nominal, own = table.rows[0], flat(law_about(own_gait(held, machine, 0)).data)
+    assert np.abs(table.flat_law(machine) - own).max() < 0.1 * np.abs(nominal - own).max()
 
 
 @pytest.mark.slow
