@@ -61,14 +61,15 @@ CANDIDATES: dict[str, int | None] = {
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
 #: The clone learns from machines within this share; and how it learns.
-TAUGHT = 0.03
+TAUGHT = 0.04
 CLONING = Cloning(
     expert_starts=96,
-    starts=160,
+    starts=512,
     labels=40_000,
+    lost_labels=40_000,
     gait_starts=160,
     gait_labels=60_000,
-    gradient_steps=3000,
+    gradient_steps=8000,
 )
 
 #: Of the drawn machines, which are the same for all levels but for the level.
