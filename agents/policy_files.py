@@ -193,7 +193,8 @@ def find_policy(path: str | Path) -> Path:
         return PRETRAINED[str(path)]
     raise CheckpointError(
         f"{path}: no such file, and no policy of that name comes with the package (those are "
-        f"{', '.join(PRETRAINED)}); make one with `rimless train`, or check the path"
+        f"{', '.join(PRETRAINED)}); make one with `rimless train`, or check the path; "
+        "`rimless list` has the names of laws"
     )
 
 

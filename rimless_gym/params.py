@@ -216,7 +216,7 @@ class WheelParams:
             and any(getattr(self, each) != getattr(changed, each) for each in follows)
         ]
         if stale:
-            text = f"{' and '.join(stale)}: of the former pendulum; give what the new one has, too"
+            text = f"{' and '.join(stale)}: as before the change of the pendulum; give these, too"
             warnings.warn(text, stacklevel=2)
         return changed
 

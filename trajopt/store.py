@@ -19,6 +19,7 @@ import platform
 import re
 import subprocess
 import time
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -241,6 +242,8 @@ def read_arrays(
     """
     if isinstance(path, str | Path) and not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
+    if isinstance(path, str | Path) and not zipfile.is_zipfile(path):
+        raise error(f"{path}: damaged, or not a file of format {form!r}; {remedy}")
     try:
         source = Path(path).open("rb") if isinstance(path, str | Path) else path  # noqa: SIM115
         with source as file, np.load(file, allow_pickle=False) as data:

@@ -45,7 +45,7 @@ def log(
     The policy or law is that of the preset, and the machine that walks may differ from it.
 
     Args:
-        policy: a feedback law, a policy (see `rimless list`), or its file
+        policy: a feedback law, a policy (see `rimless list`), its file, or module:function
         out: file to write, .csv or .npz
         seconds: to log
         preset: machine that the policy is for
@@ -65,6 +65,8 @@ def log(
     from trajopt.identification import Noise
     from trajopt.identification.log import SHORTEST
 
+    if out.suffix.lower() not in (".csv", ".npz"):
+        raise ValueError(f"{out}: must end in .csv or .npz")
     require_file(out)
     if seconds < SHORTEST:
         raise ValueError(f"seconds = {seconds:g}: must be at least {SHORTEST:g}, to identify from")
@@ -112,8 +114,8 @@ def identify(
         file: the log, .csv or .npz
         preset: machine that is known before
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
-        free: unknown parameters; by default masses, inertias, lengths, motor and friction; slope
-            may be one
+        free: all unknown parameters, in place of the masses, inertias, lengths, motor and friction
+            that are free by default; slope may be one
         tolerance: standard deviations of what is known before, in the parameters' units
             (pendulum_drag=1e-5); by default 5 % of each parameter
         angle: standard deviation of the angles' errors (rad)
@@ -134,4 +136,6 @@ def identify(
     if out is not None:
         write_text(out, json.dumps(found.params.to_dict(), indent=1) + "\n")
     print(found.report())
+    if out is not None:
+        print(f"{out}: the machine")
     return 0

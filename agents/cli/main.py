@@ -15,6 +15,7 @@ import os
 import re
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr
 from types import FrameType
@@ -54,6 +55,7 @@ COMMANDS: Mapping[str, Callable[..., int]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `rimless` with these arguments, by default those of the process; the exit status."""
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     word = words[0]
     if word in ("-h", "--help"):

@@ -174,7 +174,7 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     panels[0, 0].set_ylabel("gap to the optimum (%)")
     panels[1, 0].set(ylabel="starts that walk (%)", ylim=(-5.0, 105.0))
     named = panels[0, 0].get_legend_handles_labels()
-    figure.legend(*named, loc="outside lower center", ncols=5)
+    figure.legend(*named, loc="outside lower center", ncols=3)
     return figure
 
 

@@ -110,9 +110,9 @@ def test_errors_name_the_value_the_limit_and_the_remedy(change, message):
 @pytest.mark.parametrize(
     ("change", "stale"),
     [
-        ({"pendulum_mass": 1.8}, "pendulum_inertia = 0.0014: of"),
-        ({"pendulum_length": 0.1}, "pendulum_inertia = 0.0014 and pendulum_reach = 0.167: of"),
-        ({"pendulum_length": 0.1, "pendulum_inertia": 0.0014}, "pendulum_reach = 0.167: of"),
+        ({"pendulum_mass": 1.8}, "pendulum_inertia = 0.0014: as"),
+        ({"pendulum_length": 0.1}, "pendulum_inertia = 0.0014 and pendulum_reach = 0.167: as"),
+        ({"pendulum_length": 0.1, "pendulum_inertia": 0.0014}, "pendulum_reach = 0.167: as"),
     ],
 )
 def test_what_follows_from_a_pendulums_shape_is_not_left_behind_unnoticed(change, stale):

@@ -219,7 +219,8 @@ def identify(
         raise LogError(
             f"chi2 = {chi2:.3g} per degree of freedom: must be below {MOST_CHI2:g}; {worst} is "
             f"{residuals[worst]:.3g} standard deviations off: the log is of another machine or "
-            "motion than the model's, its noise is larger, or more parameters must be free"
+            "motion than the model's, its noise is larger, or more parameters must be free, slope "
+            "for one"
         )
     values, off = fit.value(q), np.abs(q) * [name not in TOLERANCES for name in free]
     if covariance is None and off.max() > FARTHEST:

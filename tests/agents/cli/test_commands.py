@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import sys
 from contextlib import suppress
 from functools import cache, partial
@@ -259,8 +260,10 @@ def test_a_log_is_written_and_the_machine_identified_from_it(
     assert main(["log", "random", *changed, "--seconds", "2", "--out", str(walk)]) == 0
     assert "walk.csv: 200 samples, 1.99 s" in capsys.readouterr().out
     assert main(["identify", str(walk), "--out", str(machine)]) == 0
-    assert "motor_constant" in capsys.readouterr().out
+    assert re.search(r"motor_constant(.|\n)*machine\.json", capsys.readouterr().out)
     assert json.loads(machine.read_text())["motor_constant"] == pytest.approx(0.0222, rel=3e-3)
     assert main(["identify", str(walk), "--out", str(walk)]) == REFUSED
     assert "must end in .json" in capsys.readouterr().err
     assert walk.read_text().startswith("time,phi")
+    assert main(["log", "random", "--out", str(tmp_path / "walk.xlsx")]) == REFUSED
+    assert "must end in .csv or .npz" in capsys.readouterr().err
