@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -28,7 +29,7 @@ from trajopt.store import write_text
 NEAR = 0.1
 
 #: Markers of policies with the same colour.
-MARKERS = "osD^vP"
+MARKERS = "osD^vP*X"
 
 #: The abscissae of learning curves: entries of a milestone, and their labels.
 ACROSS = {
@@ -158,7 +159,7 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     figure, panels = plt.subplots(
         2, 2, figsize=(10.4, 6.4), sharex="col", sharey="row", layout="constrained"
     )
-    for marker, (name, curve) in zip(MARKERS, curves.items(), strict=False):
+    for marker, (name, curve) in zip(itertools.cycle(MARKERS), curves.items(), strict=False):
         colour = COLOURS[colour_of_policy(name)]
         gaps = [milestone_gap(each, front) for each in curve]
         shares = [100.0 * float(each["walking_share"]) for each in curve]

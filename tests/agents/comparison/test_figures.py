@@ -74,7 +74,13 @@ def test_the_gap_of_a_milestone_is_that_at_the_nearest_speed_of_the_front(front:
     near = milestone(speed=last.speed, cot=1.1 * last.cot)
     assert milestone_gap(near, front) == pytest.approx(10.0)
     assert milestone_gap(milestone(speed=0.9, cot=2 * last.cot), front) == pytest.approx(100.0)
-    figure = learning_figure({"PPO": [near], "evolution": [STANDING]}, front)
+    curves = {
+        "PPO": [near],
+        **{f"PPO {seed}": [near] for seed in range(9)},
+        "evolution": [STANDING],
+    }
+    figure = learning_figure(curves, front)
+    assert all(lines(axes).keys() == curves.keys() for axes in figure.axes)
     gap, _, share, _ = (lines(axes)["evolution"] for axes in figure.axes)
     assert np.isnan(gap.get_ydata()).all()
     assert list(share.get_ydata()) == [0.0]
