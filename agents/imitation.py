@@ -70,8 +70,8 @@ class Cloning:
     lost_labels: int = 0
     gait_starts: int = 64
     gait_labels: int = 24_000
-    gradient_steps: int = 1500
-    batch_size: int = 1024
+    gradient_steps: int = 4000
+    batch_size: int = 512
     learning_rate: float = 2e-3
     huber: float = 0.05
     log_std: float = -4.5

@@ -70,6 +70,7 @@ CLONING = Cloning(
     gait_starts=160,
     gait_labels=60_000,
     gradient_steps=8000,
+    batch_size=1024,
 )
 
 #: Of the drawn machines, which are the same for all levels but for the level.

@@ -79,6 +79,7 @@ SCHEDULE = StudyRow(
             "gait_starts": 256,
             "gait_labels": 80_000,
             "gradient_steps": 9000,
+            "batch_size": 1024,
         },
         **COMMANDED,
     ),
