@@ -100,7 +100,8 @@ class Prior:
         fallen: the potential after a fall (m).
 
     Raises:
-        TypeError, ValueError: `fallen` is not a finite number, or `states` are of another shape.
+        TypeError, ValueError: `fallen` or `states` are not finite numbers, `states` are of another
+            shape or have unknown modes.
     """
 
     name: str
@@ -113,9 +114,14 @@ class Prior:
 
     def __post_init__(self) -> None:
         real("fallen", self.fallen)
-        shape = np.shape(self.states)
-        if len(shape) != 2 or not shape[0] or shape[1] != STATE_SIZE:
-            raise ValueError(f"states: must be (M, {STATE_SIZE}) with M >= 1, not {shape}")
+        states = real_array("states", self.states)
+        if states.ndim != 2 or not len(states) or states.shape[1] != STATE_SIZE:
+            raise ValueError(f"states: must be (M, {STATE_SIZE}) with M >= 1, not {states.shape}")
+        if (bad := ~np.isfinite(states).all(axis=1)).any():
+            raise ValueError(f"states: {bad.sum()} of {len(states)} are not finite; leave them out")
+        if unknown := set(states[:, MODE]) - set(range(len(MODE_NAMES))):
+            modes = dict(enumerate(MODE_NAMES))
+            raise ValueError(f"states: the modes {sorted(map(float, unknown))} must be among {modes}")
 
     def __str__(self) -> str:
         return self.name
@@ -126,7 +132,11 @@ class Prior:
         Raises:
             ValueError: it is for another one.
         """
-        for name, wanted in {"params": params, "task": task, "period": period}.items():
+        if params != self.params:
+            raise ValueError(
+                f"prior {self.name}: its machine has {self.params.differences(params)}; make another"
+            )
+        for name, wanted in {"task": task, "period": period}.items():
             own = getattr(self, name)
             if own != wanted:
                 raise ValueError(f"prior {self.name}: {name} = {own}, not {wanted}; make another")

@@ -20,6 +20,7 @@ from agents.comparison.table import (
     EVOLVED,
     FRONT_POLICY,
     PPO_PRIOR,
+    REST,
     SAC_PRIOR,
     Row,
     gait_row,
@@ -85,6 +86,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         FrontMethod("held_front", ("front",), held=True),
         OptimalGait("least", "optimal at any speed", least_gait, ("held_front",)),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
+        RestMethod("rest"),
         *(LawMethod(name, name, (EXPERT,)) for name in others),
         LawMethod(EXPERT, EXPERT, ("held_front",)),
         AdaptiveMethod("adaptive", ("held_front",)),
@@ -246,6 +248,23 @@ def _held_front(setting: Setting) -> CotFront:
     if not solutions:
         raise NoGaitError("\n".join(reason for _, _, reason in missing))
     return CotFront(tuple(solutions), tuple(missing))
+
+
+@dataclasses.dataclass(frozen=True)
+class RestMethod:
+    """No voltage: what a policy has to return more than."""
+
+    # name, after: see `Method`
+    name: str
+    after: ClassVar[tuple[str, ...]] = ()
+
+    def compute(self, setting: Setting) -> Result:
+        """Evaluate it."""
+        return {"evaluations": [setting.evaluated(lambda states, _: np.zeros(len(states)))]}
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """Its row."""
+        return [_policy_row(setting, REST, result["evaluations"][0], None)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -55,6 +55,8 @@ STUDIED: Mapping[str, tuple[str, ...]] = {
     PPO_PRIOR: (PPO_PRIOR,),
     SAC_PRIOR: (SAC_PRIOR,),
     EVOLVED: (EVOLVED,),
+    "PPO from scratch": ("PPO from scratch, best kept",),
+    "SAC from scratch": ("SAC from scratch, best kept",),
 }
 
 #: Columns of the tables over many seeds.
@@ -219,7 +221,8 @@ def over_seeds(page: str) -> dict[str, str]:
             if cells[: len(beginning)] == [*beginning] and len(cells) == len(head):
                 named = dict(zip(head, cells, strict=True))
                 gap = named[OVER_LEAST if OVER_LEAST in named else GAP]
-                texts.setdefault(title, f"{gap}, {named[WALKING]} walk")
+                walking = f"{named[WALKING]} walk"
+                texts.setdefault(title, walking if gap == NONE else f"{gap}, {walking}")
     missing = [" | ".join(STUDIED[title]) for title in STUDIED if title not in texts]
     if missing:
         raise ValueError(f"no table has the lines {missing}: put them back, or study their rows")

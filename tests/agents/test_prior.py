@@ -17,6 +17,7 @@ from agents.sb3.wrappers import wrapped
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.task import TERM_NAMES
+from rimless_gym.kernel.stepping import MODE
 from tests.agents.runs import assert_same_policies, config, killed_after, run
 
 N = 8
@@ -89,7 +90,7 @@ def test_the_potential_is_evaluated_once_a_step_where_no_episode_begins():
     [
         (
             {"params": [BUILDABLE] * (N - 1) + [THESIS_PHYSICAL]},
-            "params = .*, not .*; make another",
+            "machine has .*'gear_ratio': '[^']* .not [^']*'.*; make another",
         ),
         ({"task": {"distance_weight": 0.3}}, "task = .*, not .*; make another"),
         ({"control_period": 0.02}, "period = 0.01, not 0.02"),
@@ -117,6 +118,12 @@ def test_what_is_no_prior_is_refused():
         config(prior=PRIOR, task={"distance_weight": 0.3}).training()
     with pytest.raises(ValueError, match=r"states: must be \(M, .*not \(4,\)"):
         dataclasses.replace(PRIOR, states=STATES[0][:4])
+    with pytest.raises(ValueError, match="states: 1 of 16 are not finite; leave them out"):
+        dataclasses.replace(PRIOR, states=np.where(np.arange(16)[:, None] == 3, np.nan, STATES))
+    flying = STATES.copy()
+    flying[0, MODE] = 7
+    with pytest.raises(ValueError, match=r"modes \[7.0\] must be among {0: 'single_stance', 1"):
+        dataclasses.replace(PRIOR, states=flying)
     with pytest.raises(ValueError, match="a clone needs no prior"):
         config(prior="law", init="imitation").training()
     with pytest.raises(ValueError, match="leave out speeds"):
