@@ -121,7 +121,9 @@ class Prior:
             raise ValueError(f"states: {bad.sum()} of {len(states)} are not finite; leave them out")
         if unknown := set(states[:, MODE]) - set(range(len(MODE_NAMES))):
             modes = dict(enumerate(MODE_NAMES))
-            raise ValueError(f"states: the modes {sorted(map(float, unknown))} must be among {modes}")
+            raise ValueError(
+                f"states: the modes {sorted(map(float, unknown))} must be among {modes}"
+            )
 
     def __str__(self) -> str:
         return self.name

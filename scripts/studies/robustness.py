@@ -12,6 +12,7 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.cli.options import Count, MaybeCount, MaybePath, Positive, Several, chosen
 from agents.evaluate import SHORT_PROTOCOL, evaluate
@@ -19,18 +20,20 @@ from agents.experts import OwnLaws
 from agents.imitation import Cloning
 from agents.learner import IMITATION
 from agents.policy_files import PRETRAINED, load_policy
-from agents.rollout import AdaptivePolicy, Policy, controller_policy
+from agents.rollout import AdaptivePolicy, Policy, Running, begun, controller_policy
 from agents.training import TrainingConfig, train
 from rimless_gym import BUILDABLE
+from rimless_gym.envs.layout import observe
 from rimless_gym.envs.starts import draw_start
-from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.hybrid import CONTROL_PERIOD, motor_voltage, relative_rate
+from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA
 from rimless_gym.params import WheelParams
 from scripts.studies.documents import markdown
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.gait_table import law_about, own_gait
-from trajopt.feedback.law import Law
+from trajopt.feedback.law import Floats, Law
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.identification.fit import PHYSICAL, machines_within
 from trajopt.pool import run
@@ -54,7 +57,12 @@ CANDIDATES: dict[str, int | None] = {
         )
     },
     "tuned 44": 44,
-    **dict.fromkeys(("tolerant", "imitation", "distilled", "fine_tuned", "evolution", "robust")),
+    **dict.fromkeys(
+        (
+            *("tolerant", "imitation", "distilled", "fine_tuned", "evolution", "robust"),
+            *("ppo", "sac", "evolved"),
+        )
+    ),
 }
 
 #: Within which shares all parameters are drawn.
@@ -83,6 +91,11 @@ DISTURBANCES: dict[str, Mapping[str, Any]] = {
     NOISE: {"sensor_noise": {"leg_angle": 1e-3, "pendulum_angle": 1e-3}},
 }
 
+#: What no model of a law has: air drag on the turning pendulum (N m s^2), to which 3 % of the power
+#: goes, and play between the motor, at which the pendulum's angle is measured, and the pendulum
+#: (rad). The adaptive controller knows errors of `ERROR` (rad).
+UNMODELLED, WINDAGE, PLAY, ERROR = "windage and 0.5° of play", 3.5e-5, math.radians(0.5), 3e-3
+
 #: A gait that costs more than this times the nominal machine's at the speed may be a local optimum.
 LOCAL = 1.15
 
@@ -94,7 +107,7 @@ class Variation(NamedTuple):
     """The machines of some walks, which differ in one way, and what disturbs them."""
 
     machines: tuple[WheelParams, ...]
-    disturbances: str | None = None  # in `DISTURBANCES`
+    disturbances: str | None = None  # in `DISTURBANCES`, or `UNMODELLED`
 
 
 class CaseWalks(NamedTuple):
@@ -197,6 +210,15 @@ def cases(count: int, starts: int) -> dict[str, dict[str, Variation]]:
         "battery at 80 %": Variation((_scaled({"voltage_limit": 0.8}),) * starts),
         **{title: Variation((BUILDABLE,) * starts, title) for title in DISTURBANCES},
         f"all within 2 %, {NOISE}": several["all within 2 %"]._replace(disturbances=NOISE),
+        **{
+            f"{title}, {UNMODELLED}": Variation(
+                tuple(
+                    machine.replace(pendulum_drag=WINDAGE) for machine in several[title].machines
+                ),
+                UNMODELLED,
+            )
+            for title in ("all within 0 %", "all within 2 %")
+        },
     }
     return {"drawn": several, "single": single, "slopes": slopes, "others": others}
 
@@ -275,18 +297,49 @@ def cloned(controller: AdaptiveController, folder: Path) -> Path:
 def walked(task: CaseWalks) -> dict[str, Any]:
     """The speed and cost of each walk, NaN of those that do not count."""
     rng = np.random.default_rng((SEED, task.first))
+    policy = policy_of(task.candidate, task.folder)
+    if task.disturbances == UNMODELLED:
+        policy = WithPlay(policy)
     result = evaluate(
-        policy_of(task.candidate, task.folder),
+        policy,
         BUILDABLE,
         dataclasses.replace(
             SHORT_PROTOCOL, duration=task.seconds, seed=SHORT_PROTOCOL.seed + task.first
         ),
         starts=np.stack([draw_start(machine, rng) for machine in task.machines]),
         machines=task.machines,
-        disturbances=DISTURBANCES[task.disturbances] if task.disturbances else None,
+        disturbances=DISTURBANCES.get(task.disturbances or ""),
         progress=False,
     )
     return {"speed": result.speeds, "cot": result.cots}
+
+
+class WithPlay:
+    """A policy that reads the pendulum's angle at the motor, half the play ahead of its torque."""
+
+    def __init__(self, policy: Policy) -> None:
+        if isinstance(policy, AdaptivePolicy):
+            policy = AdaptivePolicy(dataclasses.replace(policy.controller, encoders=ERROR))
+        self.policy = policy
+
+    def begin(self, machines: Sequence[WheelParams], running: Running) -> Policy:
+        """See `agents.rollout.begun`."""
+        policy, p = begun(self.policy, machines, running), BUILDABLE.constants
+        volts = np.zeros(len(machines))
+
+        def reading(states: Floats, observations: NDArray[np.float32]) -> Floats:
+            rows, read = running(), states.copy()
+            back_emf = motor_voltage(relative_rate(states[:, DPHI], states[:, DTHETA], p), 0.0, p)
+            read[:, THETA] += 0.5 * PLAY * np.sign(volts[rows] - back_emf)
+            actions = policy(read, observe(BUILDABLE, read))
+            volts[rows] = BUILDABLE.voltage_limit * actions
+            return actions
+
+        return reading
+
+    def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
+        """The actions (N,) in [-1, 1] from states that are read as they are."""
+        return self.policy(states, observations)
 
 
 class Walk(NamedTuple):
