@@ -8,8 +8,8 @@ clone learns to correct its own mistakes.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from trajopt.pool import progress_bar
 with extra("learn"):
     import torch
     from torch import nn
-
-if TYPE_CHECKING:
-    from agents.sb3.learner import Actor
 
 #: Observations (M, 6) and actions (M,), float32.
 Labelled: TypeAlias = tuple[torch.Tensor, torch.Tensor]
@@ -96,6 +93,26 @@ def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
     return checked
 
 
+class Student(Protocol):
+    """What learns to act as an expert does, such as `agents.sb3.learner.Actor`."""
+
+    @property
+    def weights(self) -> list[nn.Parameter]:
+        """Of the mean action."""
+
+    @property
+    def act(self) -> Act:
+        """The deterministic policy as it is now."""
+
+    @property
+    def mean_action(self) -> Callable[[torch.Tensor], torch.Tensor]:
+        """Observations (N, size) -> the deterministic actions (N,), differentiable."""
+
+    @property
+    def set_noise(self) -> Callable[[float], None]:
+        """Takes the natural logarithm of the exploration noise's standard deviation."""
+
+
 @dataclasses.dataclass(frozen=True)
 class CloneReport:
     """How a cloning went."""
@@ -105,12 +122,12 @@ class CloneReport:
     errors: tuple[float, ...]
 
 
-def clone(actor: Actor, teaching: Teaching, progress: bool = True) -> CloneReport:
-    """Train an actor to act as an expert does, in place; the model's critic stays as it is."""
+def clone(student: Student, teaching: Teaching, progress: bool = True) -> CloneReport:
+    """Train a student to act as an expert does, in place."""
     config = teaching.config
     rng = np.random.default_rng((teaching.seed, 1))
     total = (config.rounds + 1) * config.gradient_steps
-    optimizer = torch.optim.Adam(actor.weights, lr=config.learning_rate)
+    optimizer = torch.optim.Adam(student.weights, lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, total)
     walks: list[LabelledWalks] = []
     errors: list[float] = []
@@ -119,12 +136,12 @@ def clone(actor: Actor, teaching: Teaching, progress: bool = True) -> CloneRepor
             if k == 0:
                 walks.append(teaching.first_round())
             else:
-                walks.extend(teaching.later_round(k, walks[0], actor.act, rng))
+                walks.extend(teaching.later_round(k, walks[0], student.act, rng))
             learned, held_out = _split(walks, config.held_out)
             for _ in range(config.gradient_steps * (2 if k == config.rounds - 1 else 1)):
                 batch = torch.from_numpy(rng.integers(len(learned[1]), size=config.batch_size))
                 loss = nn.functional.huber_loss(
-                    actor.mean_action(learned[0][batch]), learned[1][batch], delta=config.huber
+                    student.mean_action(learned[0][batch]), learned[1][batch], delta=config.huber
                 )
                 optimizer.zero_grad(set_to_none=True)
                 loss.backward()
@@ -132,10 +149,10 @@ def clone(actor: Actor, teaching: Teaching, progress: bool = True) -> CloneRepor
                 schedule.step()
                 bar.update()
             with torch.no_grad():
-                error = nn.functional.mse_loss(actor.mean_action(held_out[0]), held_out[1]).sqrt()
+                error = nn.functional.mse_loss(student.mean_action(held_out[0]), held_out[1]).sqrt()
             errors.append(float(error))
             bar.set_postfix(error=f"{errors[-1]:.4f}")
-    actor.set_noise(config.log_std)
+    student.set_noise(config.log_std)
     return CloneReport(sum(len(walk.when) for walk in walks), tuple(errors))
 
 
@@ -210,7 +227,7 @@ class Teaching:
     def first_round(self) -> LabelledWalks:
         """The expert's own walks."""
         starts = draw_starts(self.conditions.params, self.config.expert_starts, (self.seed, 2))
-        return self._walks(self.expert, starts, (self.seed, 3))
+        return self.walks(self.expert, starts, (self.seed, 3))
 
     def later_round(
         self, k: int, first: LabelledWalks, act: Act, rng: np.random.Generator
@@ -218,15 +235,21 @@ class Teaching:
         """States of the clone's walks with the expert's actions: from anywhere, and near the gait.
 
         Those near the gait begin in the second half of the walks of the `first` round.
+
+        Raises:
+            ValueError: these have all ended before.
         """
         config, clone = self.config, learned_policy(act)
         gait = first.states[first.when >= self._n_intervals // 2]
+        if not len(gait):
+            half = f"{config.seconds / 2:g} s"
+            raise ValueError(f"expert: all of its walks end within {half}; take one that walks")
         anywhere = draw_starts(self.conditions.params, config.starts, (self.seed, 2, k))
         near = gait[rng.integers(len(gait), size=config.gait_starts)]
-        ordinary = self._walks(clone, anywhere, (self.seed, 3, k))
+        ordinary = self.walks(clone, anywhere, (self.seed, 3, k))
         labelled = [
             self._labelled(ordinary, config.labels, rng),
-            self._labelled(self._walks(clone, near, (self.seed, 4, k)), config.gait_labels, rng),
+            self._labelled(self.walks(clone, near, (self.seed, 4, k)), config.gait_labels, rng),
         ]
         if config.lost_labels:
             fallen = np.bincount(ordinary.which, minlength=config.starts) < self._n_intervals
@@ -238,7 +261,8 @@ class Teaching:
     def _n_intervals(self) -> int:
         return round(self.config.seconds / self.conditions.control.period)
 
-    def _walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> LabelledWalks:
+    def walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> LabelledWalks:
+        """Whole walks from these starts."""
         number = int(np.random.SeedSequence(seed).generate_state(1)[0])
         return walk(self.conditions, policy, starts, self._n_intervals, number)
 

@@ -135,9 +135,8 @@ class Prior:
             ValueError: it is for another one.
         """
         if params != self.params:
-            raise ValueError(
-                f"prior {self.name}: its machine has {self.params.differences(params)}; make another"
-            )
+            other = self.params.differences(params)
+            raise ValueError(f"prior {self.name}: its machine has {other}; make another")
         for name, wanted in {"task": task, "period": period}.items():
             own = getattr(self, name)
             if own != wanted:

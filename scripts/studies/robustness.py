@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.cli.options import Count, MaybeCount, MaybePath, Positive, Several, chosen
+from agents.conditions import Conditions
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.experts import OwnLaws
-from agents.imitation import Cloning
+from agents.imitation import Cloning, Teaching
 from agents.learner import IMITATION
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, Running, begun, controller_policy
@@ -29,6 +30,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD, motor_voltage, relative_rate
 from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA
 from rimless_gym.params import WheelParams
 from scripts.studies.documents import markdown
+from scripts.studies.history import remembering
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
@@ -46,13 +48,14 @@ TICKS = (46, 42)
 
 #: What is measured, and the gait that it holds, None for a policy. The gentle law is the LQR with
 #: the gains from which the adaptive controller starts, and without a clock; the tuned one begins
-#: with these gains. The clone imitates the laws of drawn machines about their own gaits.
+#: with these gains. The clones imitate the laws of drawn machines about their own gaits, one from
+#: the state alone, one with its history.
 CANDIDATES: dict[str, int | None] = {
     **{f"{law} 42": 42 for law in ("adaptive", "lqr")},
     **{
         f"{law} 46": 46
         for law in (
-            *("adaptive", "lqr", "gentle", "tuned", "clone"),
+            *("adaptive", "lqr", "gentle", "tuned", "clone", "history"),
             *("input_output", "pid", "sliding_mode"),
         )
     },
@@ -68,7 +71,7 @@ CANDIDATES: dict[str, int | None] = {
 #: Within which shares all parameters are drawn.
 LEVELS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
-#: The clone learns from machines within this share; and how it learns.
+#: The clones learn from machines within this share; and how they learn.
 TAUGHT = 0.04
 CLONING = Cloning(
     expert_starts=96,
@@ -274,6 +277,10 @@ def policy_of(candidate: str, folder: Path) -> Policy:
         if not file.exists():
             shutil.copy(cloned(AdaptiveController.about(gait, folder), folder), file)
         return load_policy(file).policy
+    if law == "history":
+        expert = OwnLaws(AdaptiveController.about(gait, folder))
+        conditions = Conditions.of(BUILDABLE, taught_ranges(), None)
+        return remembering(Teaching(expert, conditions, CLONING, seed=0), folder / "history.pt")
     held: Law | str = law
     if law == "gentle":
         held = law_about(gait, ahead=None)
@@ -282,16 +289,21 @@ def policy_of(candidate: str, folder: Path) -> Policy:
 
 def cloned(controller: AdaptiveController, folder: Path) -> Path:
     """A network that imitates, from the state alone, what each drawn machine's own law does."""
-    known = {name: getattr(BUILDABLE, name) for name in PHYSICAL}
     config = TrainingConfig(
         "ppo",
         IMITATION,
         timesteps=0,
-        ranges={name: ((1 - TAUGHT) * at, (1 + TAUGHT) * at) for name, at in known.items()},
+        ranges=taught_ranges(),
         expert=OwnLaws(controller),
         cloning=CLONING,
     )
     return train(config, folder / "clone", progress=False).last
+
+
+def taught_ranges() -> dict[str, tuple[float, float]]:
+    """Within which the machines are drawn that the clones learn from."""
+    known = {name: getattr(BUILDABLE, name) for name in PHYSICAL}
+    return {name: ((1 - TAUGHT) * at, (1 + TAUGHT) * at) for name, at in known.items()}
 
 
 def walked(task: CaseWalks) -> dict[str, Any]:

@@ -173,3 +173,12 @@ def test_each_walk_is_labelled_by_its_own_machine() -> None:
         assert len(np.unique(lengths)) == 10
         wanted = lengths[walks.which] / BUILDABLE.voltage_limit
         np.testing.assert_allclose(walks.actions, wanted, rtol=1e-6)
+
+
+def test_an_expert_whose_walks_all_end_soon_is_refused() -> None:
+    forward = learned_policy(lambda observations: np.ones(len(observations)))
+    teaching = Teaching(forward, Conditions.of(BUILDABLE, None, None), QUICK, 0)
+    first = teaching.first_round()
+    soon = first.take(np.flatnonzero(first.when < 75))
+    with pytest.raises(ValueError, match=r"expert: all of its walks end within 0.75 s"):
+        teaching.later_round(1, soon, forward, np.random.default_rng(0))

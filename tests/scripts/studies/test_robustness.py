@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE
+from rimless_gym.envs.layout import observe
 from scripts.studies import robustness
 from trajopt.identification.fit import PHYSICAL
 
@@ -59,3 +60,19 @@ def test_machines_walk_side_by_side_as_they_do_alone(tmp_path):
     for name in ("speed", "cot"):
         assert together[name][0] == pytest.approx(alone[name][0])
         assert len(set(together[name])) == 3
+
+
+def test_with_play_the_pendulum_is_read_ahead_of_the_motors_torque():
+    read = []
+
+    def policy(states, observations):
+        read.append(states)
+        return np.array([1.0, -1.0])
+
+    reading = robustness.WithPlay(policy).begin((BUILDABLE,) * 2, lambda: np.arange(2))
+    states = np.zeros((2, 6))
+    states[:, 0] = 0.5 * np.pi
+    for _ in range(2):
+        reading(states, observe(BUILDABLE, states))
+    np.testing.assert_allclose(read[0], states)  # no torque before the first voltage
+    np.testing.assert_allclose(read[1][:, 1], [0.5 * robustness.PLAY, -0.5 * robustness.PLAY])
