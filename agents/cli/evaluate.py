@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -43,8 +43,9 @@ COLUMNS = (
     ("min_clearance", "clearance m"),
 )
 
-#: A commanded speed is kept if the walk's differs from it by no more than this share.
-KEPT = 0.05
+#: A commanded speed is kept if the walk's differs from it by no more than this share, which is what
+#: a control period more per step makes.
+KEPT = 0.02
 
 
 def evaluate(
@@ -257,7 +258,7 @@ def headline_rows(named: Sequence[NamedPolicy], rows: Sequence[dict[str, Any]]) 
             **policy.effort._asdict(),
         )
         shown.append((policy.name, row, "-"))
-    return headline_table(shown)
+    return "\n".join([headline_table(shown), *_strayed((policy.name for policy in named), rows)])
 
 
 def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -289,9 +290,16 @@ def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[st
             count, starts = sum(row["failures"].values()), row["protocol"]["starts"]
             reasons = ", ".join(f"{n} {outcome}" for outcome, n in row["failures"].items())
             lines.append(f"{name}: {count} of {starts} starts do not count ({reasons})")
-        if row["command_kept"] is False:
-            lines.append(f"{name}: walks at {row['speed']:.3f} m/s; the command is not kept")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_strayed(names, rows)])
+
+
+def _strayed(names: Iterable[str], rows: Iterable[dict[str, Any]]) -> list[str]:
+    """Lines about those who do not walk at the speed that is commanded."""
+    return [
+        f"{name}: walks at {row['speed']:.3f} m/s; the command is not kept"
+        for name, row in zip(names, rows, strict=True)
+        if row["command_kept"] is False
+    ]
 
 
 def _cell(column: str, figure: float | None) -> str:
