@@ -94,7 +94,10 @@ def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
 
 
 class Student(Protocol):
-    """What learns to act as an expert does, such as `agents.sb3.learner.Actor`."""
+    """What learns to act as an expert does, such as `agents.sb3.learner.Actor`.
+
+    Functions are properties here because some students have them as fields.
+    """
 
     @property
     def weights(self) -> list[nn.Parameter]:
@@ -123,7 +126,11 @@ class CloneReport:
 
 
 def clone(student: Student, teaching: Teaching, progress: bool = True) -> CloneReport:
-    """Train a student to act as an expert does, in place."""
+    """Train a student to act as an expert does, in place.
+
+    Raises:
+        ValueError: all of the expert's walks end soon.
+    """
     config = teaching.config
     rng = np.random.default_rng((teaching.seed, 1))
     total = (config.rounds + 1) * config.gradient_steps
@@ -237,7 +244,7 @@ class Teaching:
         Those near the gait begin in the second half of the walks of the `first` round.
 
         Raises:
-            ValueError: these have all ended before.
+            ValueError: no walk of the `first` round lasts that long.
         """
         config, clone = self.config, learned_policy(act)
         gait = first.states[first.when >= self._n_intervals // 2]

@@ -51,7 +51,7 @@ SAC_PRIOR = "SAC with the law as prior, distilled, then CMA-ES"
 EVOLVED = "evolution distilled into a network, then CMA-ES"
 FRONT_TUNED = "imitation of a gain schedule, then CMA-ES"
 ADAPTIVE = "adaptive controller (8 starts)"
-REST = "rest"
+REST, SAC_SCRATCH = "rest", "SAC from scratch"
 
 #: Columns of the headline, after the name of a policy.
 HEADINGS = (
@@ -76,7 +76,7 @@ HEADLINE = {
     PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
     SAC_PRIOR: "SAC, the same prior; a network cloned from it; then CMA-ES (`sac`)",
     "PPO from scratch": "PPO from nothing, default settings",
-    "SAC from scratch": "SAC from nothing, default settings",
+    SAC_SCRATCH: "SAC from nothing, default settings",
 }
 
 
@@ -183,14 +183,14 @@ def format_table(rows: Iterable[Row]) -> str:
 def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, str]) -> str:
     """A Markdown table of the rows in `HEADLINE` at the study's speed (m/s).
 
-    `over_seeds` is what is known of such policies over many seeds, by title; a policy that has only
-    been trained over many seeds has no other figures.
+    `over_seeds` is what is known of such policies over many seeds, by title; of SAC from scratch,
+    which takes too long for the comparison, nothing else is.
     """
     known = {row.title: row for row in rows if row.study_speed in (study_speed, None)}
     shown = [
         (meaning, known.get(title, Row(title)), over_seeds.get(title, NONE))
         for title, meaning in HEADLINE.items()
-        if title in known or title in over_seeds
+        if title in known or title == SAC_SCRATCH
     ]
     return headline_table(shown)
 

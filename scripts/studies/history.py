@@ -22,7 +22,7 @@ from rimless_gym.envs.layout import OBSERVATION_SIZE
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
-#: How many control intervals ago the network sees what was observed and done, besides now.
+#: Lags, in control intervals, at which the network also sees the observation and the action.
 LAGS = tuple(range(4, 41, 4))
 
 #: Observation and action.
@@ -32,14 +32,14 @@ WIDTH = 128
 
 
 class Network(nn.Module):
-    """Observations with their history (N, 6 + 7 lags) -> voltages in units of the limit, (N,).
+    """Observations with their history (N, 76) -> voltages in units of the limit, (N,).
 
-    The layers give the deviation from the nominal machine's back-EMF.
+    It sees the observation, then observation and action at each of the 10 lags. The layers give the
+    deviation from the nominal machine's back-EMF.
     """
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
-        torch.set_num_threads(1)  # sums depend on how they are split among threads
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.layers = nn.Sequential(
@@ -93,7 +93,10 @@ class Remembering:
 
 
 class TeachingWithHistory(Teaching):
-    """Walks whose observations have their history, as `Remembering` sees it."""
+    """Walks whose observations have their history, as `Remembering` sees it.
+
+    The expert must act on states: it does not know what to do with such observations.
+    """
 
     def walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> LabelledWalks:
         """See `Teaching`."""
@@ -114,12 +117,15 @@ def with_history(walks: LabelledWalks) -> LabelledWalks:
 
 def remembering(teaching: Teaching, file: Path) -> Remembering:
     """The clone with a memory in a file; it is trained first if there is none."""
+    torch.set_num_threads(1)  # sums depend on how they are split among threads
     network = Network(teaching.seed)
     if not file.exists():
         with_past = TeachingWithHistory(
             teaching.expert, teaching.conditions, teaching.config, teaching.seed
         )
         clone(network, with_past)
-        torch.save(network.state_dict(), file)
+        unfinished = file.with_suffix(".part")
+        torch.save(network.state_dict(), unfinished)
+        unfinished.replace(file)
     network.load_state_dict(torch.load(file, weights_only=True))
     return Remembering(learned_policy(network.act))

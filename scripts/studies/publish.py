@@ -22,6 +22,7 @@ from agents.comparison.table import (
     HEADLINE,
     PPO_PRIOR,
     SAC_PRIOR,
+    SAC_SCRATCH,
     Row,
     headline,
 )
@@ -56,7 +57,7 @@ STUDIED: Mapping[str, tuple[str, ...]] = {
     SAC_PRIOR: (SAC_PRIOR,),
     EVOLVED: (EVOLVED,),
     "PPO from scratch": ("PPO from scratch, best kept",),
-    "SAC from scratch": ("SAC from scratch, best kept",),
+    SAC_SCRATCH: ("SAC from scratch, best kept",),
 }
 
 #: Columns of the tables over many seeds.

@@ -127,12 +127,13 @@ def test_a_commanded_speed_that_is_not_kept_is_named_and_the_walk_has_a_gap(
     stands = evaluate(lambda states, seen: np.zeros(len(seen)), protocol=brief)
     walks = dataclasses.replace(stands, walking_share=1.0, speed=0.52, cot=0.5)
     monkeypatch.setattr("agents.evaluate.evaluate", lambda *what, **settings: walks)
-    arguments = ["evaluate", policy, "--commands", "0.35", "0.525"]
+    arguments = ["evaluate", policy, "--commands", "0.35", "0.525", "0.54"]
     for table in ([], ["--headline"]):
         assert main([*arguments, *table]) == 0
         lines = capsys.readouterr().out.splitlines()
         flags = [line for line in lines if "the command is not kept" in line]
-        assert flags == [f"{policy} at 0.35 m/s: walks at 0.520 m/s; the command is not kept"]
+        walks_at = "walks at 0.520 m/s, over 2% off; the command is not kept"
+        assert flags == [f"{policy} at {command} m/s: {walks_at}" for command in (0.35, 0.54)]
     assert main([*arguments, "--json"]) == 0
     for row in json.loads(capsys.readouterr().out)["policies"].values():
         assert 7.0 < row["gap"] < row["over_least"] < 12.0

@@ -52,5 +52,5 @@ def test_a_clone_with_a_memory_learns_its_experts_voltage_and_is_kept(tmp_path):
     past = np.zeros((len(seen), FRAME * len(LAGS)), dtype=np.float32)
     untrained = Network().act(np.concatenate([seen, past], axis=1))
     assert np.abs(actions - 0.3).mean() < 0.1 < np.abs(untrained - 0.3).mean()
-    again = remembering(of, tmp_path / "clone.pt")
+    again = remembering(dataclasses.replace(of, seed=1), tmp_path / "clone.pt")
     np.testing.assert_array_equal(again(STARTS, seen), actions)

@@ -9,6 +9,7 @@ import pytest
 
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import observe
+from rimless_gym.hybrid import motor_voltage
 from scripts.studies import robustness
 from trajopt.identification.fit import PHYSICAL
 
@@ -63,16 +64,25 @@ def test_machines_walk_side_by_side_as_they_do_alone(tmp_path):
 
 
 def test_with_play_the_pendulum_is_read_ahead_of_the_motors_torque():
-    read = []
+    """Of three wheels whose pendulums turn at 4 rad/s, the second falls; the third's motor differs.
+
+    Its larger constant has a back-EMF above 2 V, and the others' is below.
+    """
+    read, rate = [], 4.0
+    machines = (BUILDABLE, BUILDABLE, BUILDABLE.replace(motor_constant=0.03))
+    states = np.zeros((3, 6))
+    states[:, 0], states[:, 3] = 0.5 * np.pi, rate
+    assert motor_voltage(rate, 0.0, BUILDABLE.constants) < 2.0
+    assert motor_voltage(rate, 0.0, machines[2].constants) > 2.0
 
     def policy(states, observations):
         read.append(states)
-        return np.array([1.0, -1.0])
+        return np.full(len(states), 2.0 / BUILDABLE.voltage_limit)
 
-    reading = robustness.WithPlay(policy).begin((BUILDABLE,) * 2, lambda: np.arange(2))
-    states = np.zeros((2, 6))
-    states[:, 0] = 0.5 * np.pi
-    for _ in range(2):
-        reading(states, observe(BUILDABLE, states))
-    np.testing.assert_allclose(read[0], states)  # no torque before the first voltage
+    rows = [0, 1, 2]
+    reading = robustness.WithPlay(policy).begin(machines, lambda: np.array(rows))
+    reading(states[rows], observe(BUILDABLE, states[rows]))
+    rows.remove(1)
+    reading(states[rows], observe(BUILDABLE, states[rows]))
+    np.testing.assert_allclose(read[0][:, 1], [-0.5 * robustness.PLAY] * 3)  # no voltage yet
     np.testing.assert_allclose(read[1][:, 1], [0.5 * robustness.PLAY, -0.5 * robustness.PLAY])
