@@ -84,6 +84,10 @@ CLONING = Cloning(
     batch_size=1024,
 )
 
+#: Noise of the angles (rad) with which the clone with history learns: else what it concludes from
+#: its past is wrong where an encoder is.
+TAUGHT_NOISE = {"sensor_noise": {"leg_angle": 1e-3, "pendulum_angle": 3e-3}}
+
 #: Of the drawn machines, which are the same for all levels but for the level.
 SEED = 20261126
 
@@ -281,7 +285,7 @@ def policy_of(candidate: str, folder: Path) -> Policy:
         return load_policy(file).policy
     if law == "history":
         expert = OwnLaws(AdaptiveController.about(gait, folder))
-        conditions = Conditions.of(BUILDABLE, taught_ranges(), None)
+        conditions = Conditions.of(BUILDABLE, taught_ranges(), TAUGHT_NOISE)
         return remembering(Teaching(expert, conditions, CLONING, seed=0), folder / "history.pt")
     held: Law | str = law
     if law == "gentle":
