@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.gaps import reward_rate
+from agents.policy_files import NOTHING
 from agents.reports import NONE, Column, value_text
 from agents.rollout import draw_starts
 from rimless_gym.equations import DOUBLE
@@ -188,7 +189,7 @@ def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, s
     """
     known = {row.title: row for row in rows if row.study_speed in (study_speed, None)}
     shown = [
-        (meaning, known.get(title, Row(title)), over_seeds.get(title, NONE))
+        (meaning, known.get(title, Row(title, prior=NOTHING)), over_seeds.get(title, NONE))
         for title, meaning in HEADLINE.items()
         if title in known or title == SAC_SCRATCH
     ]
