@@ -56,7 +56,7 @@ CANDIDATES: dict[str, int | None] = {
         f"{law} 46": 46
         for law in (
             *("adaptive", "lqr", "gentle", "tuned", "clone", "history"),
-            *("input_output", "pid", "sliding_mode"),
+            *("input_output", "pid", "sliding_mode", "receding_horizon"),
         )
     },
     "tuned 44": 44,
