@@ -93,7 +93,7 @@ SEED = 20261126
 
 #: What no law's model has: air drag on the turning pendulum (N m s^2), to which 3 % of the nominal
 #: gait's power goes, and play (rad) between the pendulum and the motor, at which its angle is
-#: measured. The adaptive controller is told to expect errors of `ERROR` (rad), and so adds as much
+#: measured. The adaptive controller is set to expect errors of `ERROR` (rad), and so adds as much
 #: noise to what it reads.
 UNMODELLED, WINDAGE, PLAY, ERROR = "windage and 0.5° of play", 7e-6, math.radians(0.5), 3e-3
 
