@@ -30,7 +30,7 @@ from agents.evaluate import EPISODE, PROTOCOL, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
-from agents.policy_files import PRETRAINED, TrainingEffort, load_policy, read_record
+from agents.policy_files import BASELINES, PRETRAINED, TrainingEffort, load_policy, read_record
 from agents.rollout import AdaptivePolicy, controller_policy, law_title
 from agents.training import TrainingConfig, train
 from rimless_gym.envs.task import USUAL_TASK
@@ -260,7 +260,7 @@ class RestMethod:
 
     def compute(self, setting: Setting) -> Result:
         """Evaluate it."""
-        return {"evaluations": [setting.evaluated(lambda states, _: np.zeros(len(states)))]}
+        return {"evaluations": [setting.evaluated(BASELINES["idle"](0))]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row."""

@@ -88,8 +88,8 @@ class Remembering:
 
     def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
         """The actions (N,) in [-1, 1] of walks that begin now."""
-        past = np.zeros((len(states), len(LAGS) * FRAME), dtype=np.float32)
-        return self.policy(states, np.concatenate([observations, past], axis=1))
+        n = len(states)
+        return self.begin((BUILDABLE,) * n, lambda: np.arange(n))(states, observations)
 
 
 class TeachingWithHistory(Teaching):
@@ -115,15 +115,12 @@ def with_history(walks: LabelledWalks) -> LabelledWalks:
     return walks._replace(observations=np.concatenate([walks.observations, *past], axis=1))
 
 
-def remembering(teaching: Teaching, file: Path) -> Remembering:
+def remembering(teaching: TeachingWithHistory, file: Path) -> Remembering:
     """The clone with a memory in a file; it is trained first if there is none."""
     torch.set_num_threads(1)  # sums depend on how they are split among threads
     network = Network(teaching.seed)
     if not file.exists():
-        with_past = TeachingWithHistory(
-            teaching.expert, teaching.conditions, teaching.config, teaching.seed
-        )
-        clone(network, with_past)
+        clone(network, teaching)
         unfinished = file.with_suffix(".part")
         torch.save(network.state_dict(), unfinished)
         unfinished.replace(file)

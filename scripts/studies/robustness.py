@@ -18,19 +18,20 @@ from agents.cli.options import Count, MaybeCount, MaybePath, Positive, Several, 
 from agents.conditions import Conditions
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.experts import OwnLaws
-from agents.imitation import Cloning, Teaching
+from agents.imitation import Cloning
 from agents.learner import IMITATION
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, Running, begun, controller_policy
+from agents.sb3.feedforward import RATES, back_emf_gains
 from agents.training import TrainingConfig, train
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.starts import draw_start
-from rimless_gym.hybrid import CONTROL_PERIOD, motor_voltage, relative_rate
-from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import THETA
 from rimless_gym.params import WheelParams
 from scripts.studies.documents import markdown
-from scripts.studies.history import remembering
+from scripts.studies.history import TeachingWithHistory, remembering
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
@@ -286,7 +287,8 @@ def policy_of(candidate: str, folder: Path) -> Policy:
     if law == "history":
         expert = OwnLaws(AdaptiveController.about(gait, folder))
         conditions = Conditions.of(BUILDABLE, taught_ranges(), TAUGHT_NOISE)
-        return remembering(Teaching(expert, conditions, CLONING, seed=0), folder / "history.pt")
+        teaching = TeachingWithHistory(expert, conditions, CLONING, seed=0)
+        return remembering(teaching, folder / "history.pt")
     held: Law | str = law
     if law == "gentle":
         held = law_about(gait, ahead=None)
@@ -348,22 +350,22 @@ class WithPlay:
 
     def begin(self, machines: Sequence[WheelParams], running: Running) -> Policy:
         """See `agents.rollout.begun`."""
-        policy, volts = begun(self.policy, machines, running), np.zeros(len(machines))
-        per_rate = np.array([motor_voltage(1.0, 0.0, each.constants) for each in machines])
+        policy, last = begun(self.policy, machines, running), np.zeros(len(machines))
+        gains = np.stack([back_emf_gains(machine) for machine in machines])
 
         def reading(states: Floats, observations: NDArray[np.float32]) -> Floats:
             rows, read = running(), states.copy()
-            rates = relative_rate(states[:, DPHI], states[:, DTHETA], BUILDABLE.constants)
-            read[:, THETA] += 0.5 * PLAY * np.sign(volts[rows] - per_rate[rows] * rates)
-            actions = policy(read, observe(BUILDABLE, read))
-            volts[rows] = BUILDABLE.voltage_limit * actions
-            return actions
+            back_emf = (observations[:, RATES] * gains[rows]).sum(axis=1)
+            read[:, THETA] += 0.5 * PLAY * np.sign(last[rows] - back_emf)
+            last[rows] = policy(read, observe(BUILDABLE, read))
+            return last[rows]
 
         return reading
 
     def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
-        """The actions (N,) in [-1, 1] from states that are read as they are."""
-        return self.policy(states, observations)
+        """The actions (N,) in [-1, 1] of walks that begin now."""
+        n = len(states)
+        return self.begin((BUILDABLE,) * n, lambda: np.arange(n))(states, observations)
 
 
 class Walk(NamedTuple):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from agents.conditions import Conditions
-from agents.imitation import Cloning, Teaching
+from agents.imitation import Cloning
 from agents.rollout import draw_starts
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import observe
@@ -21,7 +21,7 @@ def constant(states, observations):
 
 def teaching(**changes):
     config = Cloning(rounds=2, seconds=2.0, labels=64, gait_labels=32, gradient_steps=3)
-    return Teaching(constant, Conditions(), dataclasses.replace(config, **changes), seed=0)
+    return TeachingWithHistory(constant, Conditions(), dataclasses.replace(config, **changes), 0)
 
 
 def test_walks_have_the_history_that_the_network_saw():
@@ -31,8 +31,7 @@ def test_walks_have_the_history_that_the_network_saw():
         saw.append(seen)
         return np.sin(np.arange(len(states)) + len(saw))
 
-    of = teaching()
-    walks = TeachingWithHistory(of.expert, of.conditions, of.config, 0).walks(policy, STARTS, (1,))
+    walks = teaching().walks(policy, STARTS, (1,))
     ends = np.bincount(walks.which)
     assert ends.min() < ends.max() == 200
     np.testing.assert_array_equal(walks.observations, np.concatenate(saw))
