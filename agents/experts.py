@@ -1,5 +1,8 @@
 """What can be imitated: feedback laws, gain schedules of them, and learned policies in files.
 
+A learned policy may be imitated near its own gait alone. The start-up controller, which needs a
+gait and the simulator but no feedback law, shows then how to get there.
+
 A feedback law holds one gait. A gain schedule has one law for every speed at which two steps last a
 whole number of control intervals. Near one of its gaits, of the laws whose gaits are within reach
 the one nearest to the commanded speed acts, so that a change of command is followed step by step: a
@@ -20,18 +23,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
+from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
-from agents.rollout import Policy, Running, controller_policy, seeing_policy
+from agents.rollout import (
+    Interval,
+    Policy,
+    Rollout,
+    Running,
+    controller_policy,
+    draw_starts,
+    seeing_policy,
+)
 from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.equations import SINGLE
-from rimless_gym.kernel.stepping import MODE
+from rimless_gym.kernel.stepping import FOOT, MODE
 from rimless_gym.params import WheelParams
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.adaptive import AdaptiveController
 from trajopt.feedback.controller import NEAR, ContactGuard, margin_for
 from trajopt.feedback.law import Controller, Floats
-from trajopt.feedback.orbit import Orbit, squared_distances
+from trajopt.feedback.orbit import TURNING_WEIGHT, Orbit, squared_distances
+from trajopt.feedback.startup import Weights, lost_return, near_for, startup_for
 from trajopt.gaits.fronts import Wanted, cot_front, solved
 from trajopt.gaits.held_stride import held_speeds
 from trajopt.gaits.library import repeated
@@ -47,11 +60,17 @@ EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.62, 1
 WITHIN_REACH = 0.06
 
 
+#: A policy's own gait is what it walks after so long (s), for so long (s), from one of many starts.
+SETTLED, RECORDED, RECORDED_STARTS = 40.0, 5.0, 64
+
+
 def expert_policy(
     expert: Controller | OwnLaws | str,
     conditions: Conditions,
     cache: Path | None = None,
     progress: bool = True,
+    *,
+    startup: bool = False,
 ) -> Policy:
     """The policy to imitate.
 
@@ -62,9 +81,11 @@ def expert_policy(
         conditions: of the training.
         cache: folder of gaits and plans that other trainings use too.
         progress: whether to show progress on a terminal.
+        startup: whether a policy in a file acts near its own gait only; see `with_startup`.
 
     Raises:
         CheckpointError: it is neither, or the policy is for another wheel or control.
+        ValueError: `startup` for a policy that does not walk.
     """
     params, period = conditions.params, conditions.control.period
     if isinstance(expert, OwnLaws):
@@ -72,7 +93,8 @@ def expert_policy(
     if not isinstance(expert, str):
         return controller_policy(params, expert)
     if expert not in laws.names():
-        return seeing_policy(params, fitting_policy(expert, conditions).act)
+        policy = seeing_policy(params, fitting_policy(expert, conditions).act)
+        return with_startup(policy, conditions, cache, progress) if startup else policy
     if progress:
         announce(f"designing {expert} and its start-up controller (up to a minute)")
     if conditions.commanded:
@@ -101,6 +123,86 @@ def fitting_policy(path: str, conditions: Conditions) -> Checkpoint:
             "its control period (--control-period), or give another policy"
         )
     return policy
+
+
+def with_startup(
+    policy: Policy, conditions: Conditions, cache: Path | None = None, progress: bool = True
+) -> Policy:
+    """A policy near its own gait, and the start-up controller that leads there everywhere else.
+
+    Args:
+        policy: that walks, on the nominal machine without disturbances.
+        conditions: machine and control period; no speed is commanded.
+        cache: folder where the start-up controller is kept.
+        progress: whether to show progress on a terminal.
+
+    Raises:
+        ValueError: the policy does not walk.
+    """
+    if progress:
+        announce("computing the start-up controller of the expert's gait (half a minute)")
+    params = conditions.params
+    orbit, weights = walked_gait(policy, Conditions(params, control=conditions.control))
+    near = near_for(params, orbit)
+    startup = startup_for(params, orbit, near, weights, cache)
+
+    def switching(states: Floats, observations: NDArray[np.float32]) -> Floats:
+        modes, smooth = states[:, MODE].astype(np.int64), np.ascontiguousarray(states[:, :4])
+        far = (modes != SINGLE) | (squared_distances(smooth, orbit) > near**2)
+        actions = policy(states, observations)
+        actions[far] = startup(smooth[far], modes[far]) / params.voltage_limit
+        return actions
+
+    return switching
+
+
+def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]:
+    """The orbit of the gait to which a policy comes, and what a start-up costs on the way to it.
+
+    It is that of the walk whose cost of transport is the median one.
+
+    Raises:
+        ValueError: the policy does not walk.
+    """
+    params, period = conditions.params, conditions.control.period
+    n, n_recorded = round(SETTLED / period), round(RECORDED / period)
+    starts = draw_starts(params, RECORDED_STARTS, 0)
+    rollout, recorded = Rollout(conditions, policy, starts, n), list[Interval]()
+    window, steps = WindowTotals(rollout.machines), np.zeros(len(starts))
+    for k, interval in enumerate(rollout):
+        if k >= n - n_recorded:
+            recorded.append(interval)
+            window.add(interval)
+            steps[interval.running] += interval.info["steps"]
+    fallen = ~np.isin(np.arange(len(starts)), rollout.running)
+    walking = np.flatnonzero(np.array(outcomes(fallen, steps > 0, window)) == WALKS)
+    if not len(walking):
+        raise ValueError(
+            f"expert: walks from none of {len(starts)} starts after {SETTLED:g} s, so it has no "
+            "gait to start up to; take one that walks, or leave out startup"
+        )
+    ledgers = window.ledgers()
+    walking = walking[np.argsort([ledgers[i].cost_of_transport(params) for i in walking])]
+    median = walking[len(walking) // 2]
+    states = np.concatenate([each.states[each.running == median] for each in recorded])
+    actions = np.concatenate([each.actions[each.running == median] for each in recorded])
+    states, actions = states[states[:, MODE] == SINGLE], actions[states[:, MODE] == SINGLE]
+    smooth = np.ascontiguousarray(states[:, :4])
+    smooth[:, 1] = np.unwrap(smooth[:, 1])
+    metric = 1.0 / np.var(smooth, axis=0)
+    if abs(smooth[-1, 1] - smooth[0, 1]) > 2 * np.pi:  # the pendulum turns over
+        metric[1] = TURNING_WEIGHT
+    orbit = Orbit(
+        smooth,
+        np.arange(len(smooth), dtype=np.float64) * period,
+        actions * params.voltage_limit,
+        np.append(states[1:, FOOT] == states[:-1, FOOT], False),
+        metric,
+        params.voltage_limit,
+    )
+    gait = ledgers[median]
+    speed, cot = gait.distance / gait.time, gait.cost_of_transport(params)
+    return orbit, lost_return(params, speed, cot)
 
 
 #: At how many states the distance between two gaits is measured.

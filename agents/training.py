@@ -98,6 +98,8 @@ class TrainingConfig:
         control_period: how long an action is held (s), default: that of the environment.
         hyperparameters: that differ from the learner's own; or all of them, as its `settings`.
         expert: to imitate, see `agents.experts.expert_policy`.
+        startup: whether an expert in a file is imitated near its own gait only, and elsewhere the
+            start-up controller of that gait.
         cloning: how, default `Cloning()`; or a dictionary of some of its fields.
         prior: a prior of this machine, task and control period, see `agents.prior`; "law": that of
             the usual expert; None: nothing is known.
@@ -118,6 +120,7 @@ class TrainingConfig:
     control_period: float | None = None
     hyperparameters: LearnerSettings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
     expert: Controller | OwnLaws | str = EXPERT
+    startup: bool = False
     cloning: Cloning | Mapping[str, Any] | None = None
     prior: Prior | str | None = None
     score: Callable[[Evaluation], float] | None = None
@@ -135,6 +138,13 @@ class TrainingConfig:
             raise ValueError(
                 f"init = {self.init!r}: expert and cloning are for init = {IMITATION!r} only"
             )
+        if self.startup and (not isinstance(self.expert, str) or self.expert in laws.names()):
+            raise ValueError(
+                f"startup, expert = {self.expert!r}: is for an expert that is a policy's file; a "
+                "law has its own; leave out startup"
+            )
+        if self.startup and self.speeds is not None:
+            raise ValueError("startup, speeds: it leads to one gait; leave out one of them")
         kind = learner_class(self.algo)
         if self.init == IMITATION and kind.imitate is Learner.imitate:
             raise ValueError(
@@ -179,6 +189,8 @@ class TrainingConfig:
         words, usual = self.init, dataclasses.asdict(Cloning())
         if isinstance(self.expert, str) and self.expert != EXPERT:
             words += f" of {self.expert if self.expert in laws.names() else origin(self.expert)}"
+        if self.startup:
+            words += " with a start-up controller"
         cloning = dataclasses.asdict(as_cloning(self.cloning))
         changed = {k: v for k, v in cloning.items() if v != usual[k]}
         return words + (f" with {json.dumps(changed)}" if changed else "")
@@ -272,7 +284,9 @@ def train(
     try:
         expert = None
         if not resumes and config.init == IMITATION:
-            expert = expert_policy(config.expert, training.conditions, cache, progress)
+            expert = expert_policy(
+                config.expert, training.conditions, cache, progress, startup=config.startup
+            )
         with store:  # what is refused above claims no folder
             trainer = Trainer(config, training, learner, out, progress)
             try:
@@ -325,7 +339,8 @@ class Trainer:
         self._best, self._due, self._over = -math.inf, 0, -1
         self._minutes_before, self._began_at = 0.0, time.process_time()
         self._curve: list[Milestone] = []
-        self._before, self._labels = _effort_before(config), 0
+        self._before, self._curve_before = _what_came_before(config)
+        self._labels = 0
         if (out / CLONE).exists():
             self._labels = read_record(out / CLONE)["cloning"]["samples"]
         if (out / STATE).exists():
@@ -500,7 +515,7 @@ class Trainer:
             }
             for each in self._curve
         ]
-        return {**effort._asdict(), "curve": jsonable(curve)}
+        return {**effort._asdict(), "curve": [*self._curve_before, *jsonable(curve)]}
 
     def _require_finite(self) -> None:
         """Stop before a policy that is of no use is written over a good one."""
@@ -516,14 +531,15 @@ class Trainer:
         )
 
 
-def _effort_before(config: TrainingConfig) -> TrainingEffort:
-    """That of the policy from which a training begins, or which it imitates."""
-    source = config.expert if config.init == IMITATION else config.init
+def _what_came_before(config: TrainingConfig) -> tuple[TrainingEffort, list[dict[str, Any]]]:
+    """Effort and learning curve of the policy from which a training begins, or that it imitates."""
+    source, curve = config.expert if config.init == IMITATION else config.init, []
     if not isinstance(source, str) or source in (*INITS, *laws.names()):
         before = TrainingEffort(LAW_ACTIONS if config.init == IMITATION else NOTHING, 0, 0.0)
     else:
-        before = TrainingEffort.of(read_record(source))
-    return before if config.prior is None else before._replace(prior=LAW_STATES)
+        record = read_record(source)
+        before, curve = TrainingEffort.of(record), record.get("curve", [])
+    return before if config.prior is None else before._replace(prior=LAW_STATES), curve
 
 
 @contextmanager

@@ -41,6 +41,7 @@ def train(
     settings: Fields = None,
     cloning: Fields = None,
     prior: str | None = None,
+    startup: Flag = False,
 ) -> int:
     """Train a policy: from scratch, from a clone of a feedback law, or from a policy.
 
@@ -66,6 +67,8 @@ def train(
         settings: hyperparameters that differ from the learner's own: gamma=0.995
         cloning: how to imitate, fields of agents.imitation.Cloning: gait_labels=80000
         prior: law: a feedback law's values shape the reward, and some walks begin on its way
+        startup: imitate a policy near its own gait only, and elsewhere the start-up controller of
+            that gait, which is computed first
     """
     from agents.learner import learner_class
 
@@ -86,6 +89,7 @@ def train(
         control_period,
         hyperparameters=settings or {},
         expert=expert,
+        startup=startup,
         cloning=cloning,
         prior=prior,
     )

@@ -334,7 +334,8 @@ class LearnedMethod:
     # the field of the study that has its control intervals; None: it is not trained
     budget: str | None = None
     curve: bool = False  # whether it is in the plot of learning curves
-    # a policy's file in the study's folder that is imitated; None: the best law is
+    # a policy's file in the study's folder that is imitated near its gait, and elsewhere the
+    # start-up controller of that gait; None: the best law is
     teacher: str | None = None
 
     def compute(self, setting: Setting) -> Result:
@@ -346,6 +347,7 @@ class LearnedMethod:
             timesteps=0 if self.budget is None else getattr(setting.study, self.budget),
             params=setting.params,
             expert=self._expert(setting),
+            startup=self.teacher is not None,
         )
         trained = train(config, setting.out / self.name, progress=setting.progress)
         file = setting.out / self.name / self.file

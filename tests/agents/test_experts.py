@@ -1,19 +1,28 @@
-"""One expert for many commanded speeds."""
+"""One expert for many commanded speeds, and the gait and start-up of a policy."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from agents import experts
 from agents.conditions import Conditions
-from agents.experts import GainSchedule, OwnLaws, ScheduledLaw, gain_schedule
-from agents.rollout import Rollout, draw_starts
+from agents.experts import (
+    GainSchedule,
+    OwnLaws,
+    ScheduledLaw,
+    gain_schedule,
+    walked_gait,
+    with_startup,
+)
+from agents.policy_files import load_policy
+from agents.rollout import Rollout, at_rest, draw_starts
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.kernel.stepping import MODE
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Orbit
+from trajopt.feedback.orbit import Orbit, squared_distances
 
 STATE = np.array([[1.5, 0.0, -2.0, 0.0, SINGLE, 0.0]])
 
@@ -90,3 +99,39 @@ def test_a_machines_own_law_acts_from_as_far_away_as_its_gait_is_from_the_nomina
     assert OwnLaws(controller).controller_for(BUILDABLE) == pytest.approx(
         1.0 + 0.1 / 0.05, rel=1e-3
     )
+
+
+@pytest.fixture
+def briefly(monkeypatch):
+    """Policies walk for 15 s from 8 starts until their gait is recorded."""
+    monkeypatch.setattr(experts, "SETTLED", 15.0)
+    monkeypatch.setattr(experts, "RECORDED_STARTS", 8)
+
+
+def test_a_policys_own_gait_is_the_one_that_it_walks_at_last(briefly):
+    policy = load_policy("imitation")
+    orbit, weights = walked_gait(policy.policy, policy.conditions)
+    last = list(Rollout(policy.conditions, policy.policy, draw_starts(BUILDABLE, 4, 9), 1500))[-1]
+    states = np.ascontiguousarray(last.states[last.states[:, MODE] == SINGLE, :4])
+    assert len(states)
+    assert squared_distances(states, orbit).max() < 0.1**2
+    assert squared_distances(at_rest(BUILDABLE)[None, :4], orbit)[0] > 1.0
+    # of the clone's cost of transport, 0.044, and speed, 0.62 m/s
+    assert weights.time == pytest.approx((0.5 - 0.044) * 0.62, rel=0.01)
+    assert weights.energy == pytest.approx(1.0 / BUILDABLE.weight)
+
+
+def test_near_its_gait_a_policy_acts_and_elsewhere_its_start_up_controller(briefly, monkeypatch):
+    policy = load_policy("imitation")
+    monkeypatch.setattr(experts, "startup_for", lambda *of: lambda x, mode: np.full(len(x), 6.0))
+    switching = with_startup(policy.policy, policy.conditions, progress=False)
+    first, *_, last = Rollout(policy.conditions, policy.policy, at_rest(BUILDABLE)[None], 1500)
+    for interval, wanted in ((first, 6.0 / BUILDABLE.voltage_limit), (last, last.actions)):
+        actions = switching(interval.states, interval.observations)
+        np.testing.assert_array_equal(actions, wanted)
+
+
+def test_a_policy_that_does_not_walk_has_no_gait_to_start_up_to(briefly):
+    idle = lambda states, observations: np.zeros(len(states))  # noqa: E731
+    with pytest.raises(ValueError, match="expert: walks from none of 8 starts after 15 s"):
+        with_startup(idle, Conditions(BUILDABLE), progress=False)

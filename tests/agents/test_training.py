@@ -127,6 +127,13 @@ def test_a_policy_is_distilled_into_another_learner_with_one_cloning_only(tmp_pa
     source, distilled = (TrainingEffort.of(read_record(file)) for file in ("evolution", learned))
     assert distilled.prior == source.prior == NOTHING
     assert distilled.intervals > source.intervals
+    before, *after = (read_record(file)["curve"] for file in ("evolution", learned))
+    assert after[0][: len(before)] == before
+    assert after[0][len(before)]["intervals"] > before[-1]["intervals"]
+    with pytest.raises(ValueError, match="startup, speeds"):
+        config("sac", startup=True, speeds=(0.5, 0.6), **clone).training()
+    with pytest.raises(ValueError, match="startup, expert = 'lqr'"):
+        config("sac", startup=True, **clone | {"expert": "lqr"}).training()
     with pytest.raises(ValueError, match="gradient_steps"):
         run(tmp_path, "sac", cloning=QUICK | {"gradient_steps": 21}, **clone)
 

@@ -213,8 +213,10 @@ class AdaptiveController:
                 guess=gait,
             )
         table = GaitTable.about(sturdy(gait), folder)
-        near = near_for(table.law)
-        startup = startup_for(table.law, near, lost_return(table.gait), folder)
+        params, orbit = table.params, table.law.data.orbit
+        near = near_for(params, orbit)
+        weights = lost_return(params, table.gait.speed, table.gait.cot)
+        startup = startup_for(params, orbit, near, weights, folder)
         return cls(table, startup, near, gait, folder=folder)
 
     @property
@@ -254,8 +256,8 @@ class AdaptiveController:
             gait = own_gait(self.table.gait, params, 0)
             if gait is not None:
                 with contextlib.suppress(*NO_LAW):
-                    law = law_about(gait)
-                    startup = startup_for(law, self.near, startup.weights, self.folder)
+                    orbit = law_about(gait).data.orbit
+                    startup = startup_for(params, orbit, self.near, startup.weights, self.folder)
             self.on_slopes[degrees] = startup
         return self.on_slopes[degrees]
 

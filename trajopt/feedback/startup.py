@@ -30,9 +30,8 @@ from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 from trajopt.feedback.controller import CONTACT_MARGIN, NEAR
-from trajopt.feedback.law import Floats, Law, states_and_modes
-from trajopt.feedback.orbit import squared_distances
-from trajopt.gaits.solution import Solution
+from trajopt.feedback.law import Floats, states_and_modes
+from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.pool import cores, progress_bar
 from trajopt.store import Store, key
 
@@ -90,25 +89,25 @@ class Weights(NamedTuple):
     distance: float  # of a metre; negative, since distance is rewarded
 
 
-def lost_return(gait: Solution) -> Weights:
+def lost_return(params: WheelParams, speed: float, cot: float) -> Weights:
     """The weights by which a start-up costs what it loses of the return on a gait.
 
     A gait of a high cost of transport has not the highest return: others have more, so that it
     would be best never to arrive. Of such a gait the weights are those of the time alone.
     """
     worth = USUAL_TASK.distance_weight
-    if worth < LEAST_WORTH * gait.cot:
-        return Weights(worth * gait.speed, 0.0, 0.0)
-    return Weights((worth - gait.cot) * gait.speed, 1.0 / gait.params.weight, -worth)
+    if worth < LEAST_WORTH * cot:
+        return Weights(worth * speed, 0.0, 0.0)
+    return Weights((worth - cot) * speed, 1.0 / params.weight, -worth)
 
 
-def near_for(law: Law) -> float:
+def near_for(params: WheelParams, orbit: Orbit) -> float:
     """The distance from its gait up to which a law acts: `NEAR`, or that of `FEWEST` nodes.
 
     Laws hold a gait whose pendulum hardly moves from several of its small standard deviations.
     """
-    nodes = np.ascontiguousarray(_grid(law, COUNTS).single()[:, :4])
-    following = np.partition(squared_distances(nodes, law.data.orbit), FEWEST)[FEWEST]
+    nodes = np.ascontiguousarray(_grid(params, orbit, COUNTS).single()[:, :4])
+    following = np.partition(squared_distances(nodes, orbit), FEWEST)[FEWEST]
     return max(NEAR, float(np.sqrt(following)))
 
 
@@ -166,27 +165,33 @@ class StartUpController:
 
     @classmethod
     def to(
-        cls, law: Law, near: float, weights: Weights, counts: Sequence[int] | None = None
+        cls,
+        params: WheelParams,
+        orbit: Orbit,
+        near: float,
+        weights: Weights,
+        counts: Sequence[int] | None = None,
     ) -> StartUpController:
-        """The controller that leads to a law's gait; it takes some seconds to a minute to compute.
+        """The controller that leads to a gait; it takes some seconds to a minute to compute.
 
         Args:
-            law: that takes over near its gait.
-            near: distance from the gait at which it does; > 0.
+            params: the machine.
+            orbit: of the gait.
+            near: distance from the gait at which another controller takes over; > 0.
             weights: of the cost to minimise.
             counts: of the grid's nodes of each coordinate, default `COUNTS`.
         """
-        require_kind("law", law, Law)
+        require_kind("orbit", orbit, Orbit)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
-        grid = _grid(law, counts)
+        grid = _grid(params, orbit, counts)
         nodes = np.ascontiguousarray(grid.single()[:, :4])
-        at_the_gait = squared_distances(nodes, law.data.orbit) < near**2
+        at_the_gait = squared_distances(nodes, orbit) < near**2
         if not at_the_gait.any():
             raise ValueError(
                 f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
                 "and nothing could lead there; take a slower gait, or raise the counts or near"
             )
-        return cls(law.params, grid, cost_to_gait(law.params, grid, at_the_gait, weights), weights)
+        return cls(params, grid, cost_to_gait(params, grid, at_the_gait, weights), weights)
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
@@ -202,34 +207,35 @@ class StartUpController:
         return np.asarray(mean if np.ndim(x) == 2 else mean[0])
 
 
-def _grid(law: Law, counts: Sequence[int]) -> StateGrid:
-    """The grid for the controller that leads to a law's gait."""
-    rates = RATES * np.abs(law.data.orbit.states[:, 2:]).max(axis=0)
-    return StateGrid.over(law.params, rates, counts)
+def _grid(params: WheelParams, orbit: Orbit, counts: Sequence[int]) -> StateGrid:
+    """The grid for the controller that leads to a gait."""
+    rates = RATES * np.abs(orbit.states[:, 2:]).max(axis=0)
+    return StateGrid.over(params, rates, counts)
 
 
 _CACHE: dict[str, StartUpController] = {}
 
 
 def startup_for(
-    law: Law, near: float, weights: Weights, folder: Path | None = None
+    params: WheelParams, orbit: Orbit, near: float, weights: Weights, folder: Path | None = None
 ) -> StartUpController:
     """`StartUpController.to`, computed once for the last few gaits.
 
     Args:
-        law: that takes over near its gait.
-        near: distance from the gait at which it does; > 0.
+        params: the machine.
+        orbit: of the gait.
+        near: distance from the gait at which another controller takes over; > 0.
         weights: of the cost to minimise.
         folder: where the cost to go is also stored, and read from if it is there.
     """
-    orbit = law.data.orbit.states
-    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit, cost=weights)
+    states = orbit.states
+    name = key("startup", params=params, near=near, counts=COUNTS, orbit=states, cost=weights)
     startup, store = _CACHE.pop(name, None), None if folder is None else Store(folder)
     if startup is None and store is not None and name in store:
         to_go = CostToGo(**store.load(name))
-        startup = StartUpController(law.params, _grid(law, COUNTS), to_go, weights)
+        startup = StartUpController(params, _grid(params, orbit, COUNTS), to_go, weights)
     if startup is None:
-        startup = StartUpController.to(law, near, weights)
+        startup = StartUpController.to(params, orbit, near, weights)
         if store is not None:
             store.save(name, startup.to_go._asdict())
     _CACHE[name] = startup  # the last one is the one that was used last

@@ -44,7 +44,7 @@ DISTILLED = StudyRow(
     "distilled",
     "evolution distilled into a network",
     LEARNED,
-    Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLUTION, BEST)),
+    Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLUTION, BEST), startup=True),
 )
 WITH_PRIOR = StudyRow(
     "ppo_prior",

@@ -99,6 +99,7 @@ class Trained:
     _: dataclasses.KW_ONLY
     start: Other | None = None  # the policy with which the training begins; None: that of `init`
     expert: Other | None = None  # the policy that it imitates, if it does; None: the usual law
+    startup: bool = False  # whether it imitates the policy near its own gait only
     # that differ from the learner's own
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     # fields of `agents.imitation.Cloning` that differ from its own
@@ -134,7 +135,9 @@ class Trained:
             expert = EXPERT
             if self.expert is not None:
                 expert = str(others[self.expert.row.name] / self.expert.file)
-            config = dataclasses.replace(config, expert=expert, cloning=self.cloning)
+            config = dataclasses.replace(
+                config, expert=expert, startup=self.startup, cloning=self.cloning
+            )
         try:
             trained = train(config, folder, cache=cache, progress=False)
         except DoesNotWalkError:

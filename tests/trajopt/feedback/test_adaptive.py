@@ -315,12 +315,14 @@ def test_what_leads_to_the_gait_on_a_steep_slope_is_of_whole_degrees_and_made_on
 ) -> None:
     made = []
 
-    def startup_for(law, near, weights, folder):
-        made.append(np.degrees(law.params.slope))
-        return Startup(law.params, 0.5)
+    def startup_for(params, orbit, near, weights, folder):
+        made.append(np.degrees(params.slope))
+        return Startup(params, 0.5)
 
     monkeypatch.setattr(adaptive, "own_gait", lambda gait, params, longer: params)
-    monkeypatch.setattr(adaptive, "law_about", lambda params: SimpleNamespace(params=params))
+    monkeypatch.setattr(
+        adaptive, "law_about", lambda params: SimpleNamespace(data=SimpleNamespace(orbit=None))
+    )
     monkeypatch.setattr(adaptive, "startup_for", startup_for)
     fresh = dataclasses.replace(controller, startup=SimpleNamespace(weights=None), on_slopes={})
     assert fresh.startup_on(np.radians(0.5)) is fresh.startup

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,7 +44,7 @@ WEIGHTS = Weights(time=0.3, energy=0.02, distance=-0.5)
 @pytest.fixture(scope="module")
 def startup(law):
     fastest = Weights(time=1.0, energy=0.0, distance=0.0)  # its grid may be coarser
-    return StartUpController.to(law, NEAR, fastest, COUNTS)
+    return StartUpController.to(P, law.data.orbit, NEAR, fastest, COUNTS)
 
 
 def test_a_cost_between_nodes_is_linear_in_every_coordinate_and_goes_round():
@@ -116,14 +115,14 @@ def test_little_of_the_return_is_lost_before_the_gait(held):
 
 
 def test_nothing_is_lost_on_the_gait(held):
-    weights, distance = lost_return(held), held.speed * held.duration
+    weights, distance = lost_return(P, held.speed, held.cot), held.speed * held.duration
     energy = held.cot * P.weight * distance
     lost = weights.time * held.duration + weights.energy * energy + weights.distance * distance
     assert lost == pytest.approx(0.0, abs=1e-12)
 
 
 def test_no_moment_on_the_way_to_an_expensive_gait_is_rewarded():
-    weights = lost_return(SimpleNamespace(params=P, cot=0.7, speed=0.5))
+    weights = lost_return(P, speed=0.5, cot=0.7)
     assert weights.time > 0.0
     assert min(weights) >= 0.0
 
@@ -132,7 +131,8 @@ def test_no_moment_on_the_way_to_an_expensive_gait_is_rewarded():
 def test_it_leads_to_a_fast_gait_whose_pendulum_hardly_moves(law):
     fast = periodic_gait(BUILDABLE, 1.3)
     controller = laws.design("lqr", fast)
-    assert near_for(controller.controller.law) > NEAR == near_for(law)
+    orbit = controller.controller.law.data.orbit
+    assert near_for(BUILDABLE, orbit) > NEAR == near_for(P, law.data.orbit)
     grippy = BUILDABLE.replace(friction=1.0)  # the gait uses all grip of the machine's own
     protocol = Protocol(starts=24, duration=14.0, window=4.0, alive=3.0)
     walks = evaluate(controller_policy(BUILDABLE, controller), grippy, protocol)
@@ -160,15 +160,15 @@ def test_its_voltage_does_not_jump_from_state_to_state(startup):
 
 def test_it_is_computed_once_for_each_of_the_last_few_gaits(law, monkeypatch):
     computed = []
-    monkeypatch.setattr(StartUpController, "to", lambda *args: computed.append(args[1]) or object())
+    monkeypatch.setattr(StartUpController, "to", lambda *args: computed.append(args[2]) or object())
     monkeypatch.setattr(module, "_CACHE", {})
     distances = [0.2 + 0.01 * k for k in range(MOST_CACHED)]
     for near in (*distances, distances[0], 0.5):  # the first one is used again, so that it stays
-        startup_for(law, near, WEIGHTS)
+        startup_for(P, law.data.orbit, near, WEIGHTS)
     assert computed == [*distances, 0.5]
-    startup_for(law, distances[0], WEIGHTS)
+    startup_for(P, law.data.orbit, distances[0], WEIGHTS)
     assert len(computed) == MOST_CACHED + 1
-    startup_for(law, distances[1], WEIGHTS)
+    startup_for(P, law.data.orbit, distances[1], WEIGHTS)
     assert computed[-1] == distances[1]
 
 
@@ -177,10 +177,10 @@ def test_it_is_computed_once_for_all_processes(
 ):
     monkeypatch.setattr(module, "COUNTS", (5, 16, 11, 13))
     monkeypatch.setattr(module, "_CACHE", {})
-    first = startup_for(law, 0.6, WEIGHTS, tmp_path / "stored")
+    first = startup_for(P, law.data.orbit, 0.6, WEIGHTS, tmp_path / "stored")
     monkeypatch.setattr(module, "_CACHE", {})  # as in another process
     monkeypatch.delattr(StartUpController, "to")
-    second = startup_for(law, 0.6, WEIGHTS, tmp_path / "stored")
+    second = startup_for(P, law.data.orbit, 0.6, WEIGHTS, tmp_path / "stored")
     x = np.array([[1.5, 0.2, -2.0, 1.0], [1.6, -2.0, -1.0, -9.0]])
     np.testing.assert_array_equal(first(x), second(x))
 
@@ -196,4 +196,4 @@ def test_it_is_computed_once_for_all_processes(
 def test_what_leads_nowhere_is_refused(near, counts, error, message, law, monkeypatch):
     monkeypatch.setattr(module, "SWEEPS", 1)
     with pytest.raises(error, match=message):
-        StartUpController.to(law, near, WEIGHTS, counts)
+        StartUpController.to(P, law.data.orbit, near, WEIGHTS, counts)

@@ -91,7 +91,8 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
     from trajopt.feedback.startup import lost_return, near_for, startup_for
 
     law = holding(law, solution, folder)
-    near = near_for(law)
-    startup = startup_for(law, near, lost_return(solution), folder)
+    orbit, weights = law.data.orbit, lost_return(law.params, solution.speed, solution.cot)
+    near = near_for(law.params, orbit)
+    startup = startup_for(law.params, orbit, near, weights, folder)
     switching = SwitchingController(law, startup, law.reach * near)
     return ContactGuard(law.params, switching, margin_for(solution))
