@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
+from agents.learner import DoesNotWalkError
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
 from agents.rollout import (
@@ -85,7 +86,7 @@ def expert_policy(
 
     Raises:
         CheckpointError: it is neither, or the policy is for another wheel or control.
-        ValueError: `startup` for a policy that does not walk.
+        DoesNotWalkError: `startup` for a policy that does not walk.
     """
     params, period = conditions.params, conditions.control.period
     if isinstance(expert, OwnLaws):
@@ -137,7 +138,7 @@ def with_startup(
         progress: whether to show progress on a terminal.
 
     Raises:
-        ValueError: the policy does not walk.
+        DoesNotWalkError: the policy does not walk.
     """
     if progress:
         announce("computing the start-up controller of the expert's gait (half a minute)")
@@ -162,7 +163,7 @@ def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]
     It is that of the walk whose cost of transport is the median one.
 
     Raises:
-        ValueError: the policy does not walk.
+        DoesNotWalkError: the policy does not walk.
     """
     params, period = conditions.params, conditions.control.period
     n, n_recorded = round(SETTLED / period), round(RECORDED / period)
@@ -177,7 +178,7 @@ def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]
     fallen = ~np.isin(np.arange(len(starts)), rollout.running)
     walking = np.flatnonzero(np.array(outcomes(fallen, steps > 0, window)) == WALKS)
     if not len(walking):
-        raise ValueError(
+        raise DoesNotWalkError(
             f"expert: walks from none of {len(starts)} starts after {SETTLED:g} s, so it has no "
             "gait to start up to; take one that walks, or leave out startup"
         )

@@ -49,6 +49,11 @@ PRIOR = "prior"
 #: periodic evaluations, and the last.
 CLONE, BEST, LAST = "clone.zip", "best.zip", "last.zip"
 
+
+class DoesNotWalkError(ValueError):
+    """The policy from which a training begins, or which it imitates, does not walk."""
+
+
 #: No changes to a learner's hyperparameters.
 NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
 

@@ -151,7 +151,7 @@ def network_data(policy: Checkpoint) -> list[dict[str, Any]]:
         raise ValueError(
             f"a {policy.algo} policy with {policy.conditions.control} and {kwargs}: a page runs "
             "networks of tanh layers that set the voltage every 10 ms; choose such a policy, as "
-            "'imitation' or 'distilled'"
+            "'imitation' or 'evolved'"
         )
     return [
         {

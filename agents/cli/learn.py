@@ -179,7 +179,7 @@ def compare(
     Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
     latter with feedback, clones the feedback law, trains PPO from scratch, and measures them and
     the policies that come with the package in the same way; `evolution`, `fine_tuned` and
-    `distilled` are trained where the machine, the speed, the seed or their control intervals are
+    `evolved` are trained where the machine, the speed, the seed or their control intervals are
     others. Writes results.json, table.md, plots, an animation, and report.html. However it was
     stopped, the same command continues, and ends with the same table.
 
@@ -196,7 +196,7 @@ def compare(
         evolution_timesteps: control intervals of evolution
         starts: random starts of the search for the gait
         front: speeds of the optimal front (m/s)
-        retrain: train also `evolution`, `fine_tuned` and `distilled`, which come with the package
+        retrain: train also `evolution`, `fine_tuned` and `evolved`, which come with the package
         workers: processes; by default as many as cores
     """
     from agents.comparison.compare import compare as compared

@@ -76,7 +76,7 @@ def compare(
             each.title: results[each.name]["curve"]
             for each in compared
             if isinstance(each, LearnedMethod | ShippedMethod) and each.curve
-            if results[each.name]["curve"]  # not all policies have kept theirs
+            if results[each.name].get("curve")  # not all policies have kept theirs
         }
         write_figures(setting, rows, curves)
         _animate(setting)

@@ -17,6 +17,7 @@ import numpy as np
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     ADAPTIVE,
+    DISTILLED,
     EVOLVED,
     FRONT_POLICY,
     PPO_PRIOR,
@@ -29,7 +30,7 @@ from agents.comparison.table import (
 from agents.evaluate import EPISODE, PROTOCOL, evaluate_commanded
 from agents.experts import EXPERT
 from agents.gaps import best_at_any_speed, reward_rate
-from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
+from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH, DoesNotWalkError
 from agents.policy_files import BASELINES, PRETRAINED, TrainingEffort, load_policy, read_record
 from agents.rollout import AdaptivePolicy, controller_policy, law_title
 from agents.training import TrainingConfig, train
@@ -42,18 +43,14 @@ from trajopt.feedback.law import Controller
 from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.library import warm_starts
 from trajopt.pool import cores
-from trajopt.store import jsonable
+from trajopt.store import Store, jsonable
 
 #: JSON values; "files" names the files that the method made in the study's folder.
 Result: TypeAlias = dict[str, Any]
 
 #: The shipped policies; by the name alone, a file in the current folder would be loaded.
 FRONT_FILE = PRETRAINED["front"]
-BEST_SEEDS = {
-    PPO_PRIOR: PRETRAINED["ppo"],
-    SAC_PRIOR: PRETRAINED["sac"],
-    EVOLVED: PRETRAINED["evolved"],
-}
+BEST_SEEDS = {PPO_PRIOR: PRETRAINED["ppo"], SAC_PRIOR: PRETRAINED["sac"]}
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
 BETWEEN = (0.58, 0.61)
@@ -339,7 +336,10 @@ class LearnedMethod:
     teacher: str | None = None
 
     def compute(self, setting: Setting) -> Result:
-        """Train and evaluate it."""
+        """Train and evaluate it, if what it begins from walks."""
+        for before in map(Store(setting.out).load, self.after):
+            if "missing" in before:
+                return {"missing": before["missing"]}
         config = TrainingConfig(
             self.algo,
             self.init if self.init in INITS else str(setting.out / self.init),
@@ -349,7 +349,10 @@ class LearnedMethod:
             expert=self._expert(setting),
             startup=self.teacher is not None,
         )
-        trained = train(config, setting.out / self.name, progress=setting.progress)
+        try:
+            trained = train(config, setting.out / self.name, progress=setting.progress)
+        except DoesNotWalkError as error:
+            return {"missing": str(error)}
         file = setting.out / self.name / self.file
         record = read_record(trained.last)  # the whole training's, also where the first policy won
         return {
@@ -360,7 +363,9 @@ class LearnedMethod:
         }
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
-        """Its row."""
+        """Its row, if there is one."""
+        if "missing" in result:
+            return []
         speed = setting.study.speed if self.at_study_speed else None
         return [_policy_row(setting, self.title, result["evaluations"][0], speed, result["effort"])]
 
@@ -373,7 +378,8 @@ class LearnedMethod:
         return laws.design(EXPERT, setting.held_gait(setting.study.speed), setting.out)
 
 
-#: Trainings whose policies come with the package, under the names of the methods.
+#: Trainings whose policies come with the package, under the names of the methods, and what those
+#: begin from.
 TRAININGS = (
     LearnedMethod(
         *("fine_tuned", f"{IMITATION}/{CLONE}", "fine-tuned by CMA-ES", LAST, (IMITATION,)),
@@ -388,8 +394,14 @@ TRAININGS = (
         curve=True,
     ),
     LearnedMethod(
-        *("distilled", IMITATION, "evolution, distilled into a network", CLONE, ("evolution",)),
+        *("distilled", IMITATION, DISTILLED, CLONE, ("evolution",)),
         teacher=f"evolution/{BEST}",
+    ),
+    LearnedMethod(
+        *("evolved", f"distilled/{CLONE}", EVOLVED, BEST, ("distilled",)),
+        algo="cma_es",
+        budget="timesteps",
+        curve=True,
     ),
 )
 
@@ -397,7 +409,8 @@ TRAININGS = (
 def _shipped_trainings() -> Iterator[ShippedMethod]:
     """What the package has of `TRAININGS`."""
     for each in TRAININGS:
-        yield ShippedMethod(PRETRAINED[each.name], each.title, curve=each.curve)
+        if each.name in PRETRAINED:
+            yield ShippedMethod(PRETRAINED[each.name], each.title, curve=each.curve)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -49,7 +49,8 @@ at the end."""
 #: Titles of rows.
 FRONT_POLICY, PPO_PRIOR = "one policy for the front", "PPO with the law as prior, then CMA-ES"
 SAC_PRIOR = "SAC with the law as prior, distilled, then CMA-ES"
-EVOLVED = "evolution distilled into a network, then CMA-ES"
+DISTILLED = "evolution with a start-up controller, distilled"
+EVOLVED = f"{DISTILLED}, then CMA-ES"
 FRONT_TUNED = "imitation of a gain schedule, then CMA-ES"
 ADAPTIVE = "adaptive controller (8 starts)"
 REST, SAC_SCRATCH = "rest", "SAC from scratch"
@@ -73,7 +74,7 @@ HEADLINE = {
     "fine-tuned by CMA-ES": "clone fine-tuned by CMA-ES (`fine_tuned`)",
     FRONT_POLICY: "one network for commands of 0.5 to 0.63 m/s (`front`)",
     "evolution from scratch": "evolution from nothing (`evolution`)",
-    EVOLVED: "evolution; a network cloned from it; then CMA-ES (`evolved`)",
+    EVOLVED: "evolution; a planned start-up; a network cloned from both; CMA-ES (`evolved`)",
     PPO_PRIOR: "PPO, a law as prior of reward and starts; then CMA-ES (`ppo`)",
     SAC_PRIOR: "SAC, the same prior; a network cloned from it; then CMA-ES (`sac`)",
     "PPO from scratch": "PPO from nothing, default settings",

@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.imitation import LabelledWalks, walk
-from agents.learner import LAST, Callback, PolicyParts, Training
+from agents.learner import LAST, Callback, DoesNotWalkError, PolicyParts, Training
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
@@ -81,10 +81,6 @@ STANDING = 2.0
 #: Of what is random: the walks that are shown, the search, the walks that are scored, and the
 #: commands of those from ordinary starts.
 _SHOWN, _SEARCH, _SCORED, _COMMANDS = 2, 3, 4, 5
-
-
-class DoesNotWalkError(ValueError):
-    """The first policy falls from all starts, or does not walk."""
 
 
 class CmaEs(FineTuner):

@@ -40,7 +40,7 @@ POLICIES = {
     "imitation": "imitation/clone.zip",
     "fine_tuned": "fine_tuned/last.zip",
     "evolution": "evolution/best.zip",
-    "distilled": "distilled/clone.zip",
+    "evolved": "evolved/best.zip",
 }
 
 #: Sections that are written, and their pages; the page with the tables over many seeds.
@@ -76,12 +76,13 @@ The figures are by the protocol of the README's table: 128 starts, 50 s each, me
 30 s. `rimless compare --retrain` trains it again; `rimless evaluate {name}` measures this file.
 """
 
-#: What a training began from, by the beginning of its description.
+#: What each of them comes from.
 ORIGINS = {
-    "imitation of evolution": "A network cloned from the evolved policy: no gait was given.",
     "imitation": "A clone of the LQR about the environment's own optimum.",
-    "scratch": "Learned from nothing: no gait, no demonstration.",
-    "ppo policy": "A clone of the LQR, whose last layer CMA-ES varied.",
+    "fine_tuned": "A clone of the LQR, whose last layer CMA-ES varied.",
+    "evolution": "Learned from nothing: no gait, no demonstration.",
+    "evolved": "A network cloned from an evolved policy near its own gait, and elsewhere from the\n"
+    "start-up controller of that gait; CMA-ES varied its last layer. No gait was given.",
 }
 
 
@@ -123,7 +124,6 @@ def publish(*, study: Path = Path("runs/compare")) -> int:
 def _card_of(study: Path, results: Mapping[str, Any], name: str) -> str:
     """The card of a policy of the study."""
     source, config = POLICIES[name], results["study"]
-    training = json.loads((study / source).with_name("train.json").read_text())["inputs"]
     title = next(
         method.title
         for method in methods(Study(**config))
@@ -132,10 +132,10 @@ def _card_of(study: Path, results: Mapping[str, Any], name: str) -> str:
     row = next(Row(**row) for row in results["table"] if row["title"] == title)
     changes = f" with {json.dumps(config['changes'])}" if config["changes"] else ""
     machine = config["preset"] + changes
-    return card(name, read_record(study / source), row, machine, training["init"])
+    return card(name, read_record(study / source), row, machine)
 
 
-def card(name: str, record: Mapping[str, Any], row: Row, machine: str, init: str) -> str:
+def card(name: str, record: Mapping[str, Any], row: Row, machine: str) -> str:
     """The text of a policy's card."""
     drawn = {of: record[of] for of in ("ranges", "disturbances") if record.get(of) is not None}
     versions = ", ".join(f"{key} {value}" for key, value in record["versions"].items())
@@ -150,11 +150,10 @@ def card(name: str, record: Mapping[str, Any], row: Row, machine: str, init: str
         "made by": f"revision {str(record['git_revision'])[:10]} with {versions}",
         "licence": "MIT, as the rest of the package",
     }
-    origin = (text for known, text in ORIGINS.items() if init.startswith(known))
     return CARD.format(
         name=name,
         title=row.title,
-        origin=next(origin, f"It began as: {init}."),
+        origin=ORIGINS[name],
         facts="\n".join(f"| {name} | {value} |" for name, value in facts.items()),
     )
 

@@ -63,7 +63,7 @@ CANDIDATES: dict[str, int | None] = {
     "tuned 44": 44,
     **dict.fromkeys(
         (
-            *("tolerant", "imitation", "distilled", "fine_tuned", "evolution", "robust"),
+            *("tolerant", "imitation", "fine_tuned", "evolution", "robust"),
             *("ppo", "sac", "evolved"),
         )
     ),

@@ -42,7 +42,7 @@ EVOLUTION = StudyRow(
 )
 DISTILLED = StudyRow(
     "distilled",
-    "evolution distilled into a network",
+    "evolution with a start-up controller, distilled",
     LEARNED,
     Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLUTION, BEST), startup=True),
 )

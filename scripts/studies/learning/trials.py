@@ -14,11 +14,10 @@ import numpy as np
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
-from agents.learner import BEST, IMITATION, SCRATCH
+from agents.learner import BEST, IMITATION, SCRATCH, DoesNotWalkError
 from agents.outcomes import FALLS, WALKS, WindowTotals, outcomes
 from agents.policy_files import load_policy
 from agents.rollout import Policy, Rollout, draw_starts
-from agents.sb3.cma_es import DoesNotWalkError
 from agents.training import TrainingConfig, train
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
@@ -115,7 +114,7 @@ class Trained:
     def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
         """Train, or go on from the last state, and evaluate.
 
-        CMA-ES leaves a policy as it is that does not walk.
+        A policy that does not walk is left as it is where only one that walks can be gone on from.
         """
         cache = folder.parent / CACHE
         start = self.init
@@ -134,7 +133,7 @@ class Trained:
         if self.init == IMITATION and self.start is None:
             expert = EXPERT
             if self.expert is not None:
-                expert = str(others[self.expert.row.name] / self.expert.file)
+                expert = start = str(others[self.expert.row.name] / self.expert.file)
             config = dataclasses.replace(
                 config, expert=expert, startup=self.startup, cloning=self.cloning
             )

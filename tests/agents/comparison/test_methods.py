@@ -20,7 +20,6 @@ from agents.comparison.methods import (
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     ADAPTIVE,
-    EVOLVED,
     FRONT_POLICY,
     PPO_PRIOR,
     SAC_PRIOR,
@@ -29,14 +28,17 @@ from agents.comparison.table import (
     policy_row,
 )
 from agents.evaluate import Protocol
+from agents.learner import DoesNotWalkError
 from agents.policy_files import LAW_ACTIONS, PRETRAINED, load_policy, read_record
 from agents.rollout import draw_starts
+from agents.training import TrainingConfig
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.equations import DOUBLE
 from rimless_gym.kernel.stepping import MODE
 from trajopt.feedback import laws, startup
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.library import shipped
+from trajopt.store import Store
 
 EVALUATION = {
     "cot": 0.05,
@@ -138,7 +140,7 @@ def test_another_file_of_a_shipped_policy_is_another_result(
     setting: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     method, *others = best_of_seeds(Study())
-    assert [other.title for other in others] == [SAC_PRIOR, EVOLVED]
+    assert [other.title for other in others] == [SAC_PRIOR]
     monkeypatch.setattr(setting, "evaluated", lambda policy: EVALUATION)
     (row,) = method.rows(setting, method.compute(setting))
     assert (row.title, row.study_speed, row.cot) == (PPO_PRIOR, None, EVALUATION["cot"])
@@ -165,6 +167,23 @@ def test_what_the_package_has_is_trained_only_where_the_study_asks_for_something
     assert not usual & trained
     for changes in ({"retrain": True}, {"seed": 1}, {"speed": 0.6}, {"changes": {"drag": 0.1}}):
         assert {method.name for method in methods(Study(further=(), **changes))} > trained
+
+
+def test_what_begins_from_a_policy_that_does_not_walk_is_left_out(
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(config: TrainingConfig, *arguments: Any, **more: Any) -> Any:
+        assert config.startup
+        raise DoesNotWalkError("walks from none")
+
+    monkeypatch.setattr(listed, "train", refuse)
+    distilled, evolved = TRAININGS[-2:]
+    store = Store(setting.out)
+    store.save("evolution", {"curve": []})
+    store.save("distilled", distilled.compute(setting))
+    result = evolved.compute(setting)  # of what it begins from there is no file
+    assert result == store.load("distilled") == {"missing": "walks from none"}
+    assert distilled.rows(setting, result) == evolved.rows(setting, result) == []
 
 
 def test_a_shipped_policy_has_what_it_took_and_its_learning_curve(
