@@ -1,7 +1,7 @@
 """What can be imitated: feedback laws, gain schedules of them, and learned policies in files.
 
-A learned policy may be imitated near its own gait alone. The start-up controller, which needs a
-gait and the simulator but no feedback law, shows then how to get there.
+A learned policy may be imitated near its own gait alone. Elsewhere the start-up controller of that
+gait is imitated, which needs the simulator but no feedback law.
 
 A feedback law holds one gait. A gain schedule has one law for every speed at which two steps last a
 whole number of control intervals. Near one of its gaits, of the laws whose gaits are within reach
@@ -61,8 +61,12 @@ EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.62, 1
 WITHIN_REACH = 0.06
 
 
-#: A policy's own gait is what it walks after so long (s), for so long (s), from one of many starts.
-SETTLED, RECORDED, RECORDED_STARTS = 40.0, 5.0, 64
+#: A policy's own gait is that of the last seconds of a long walk, from one of so many starts.
+LONG, RECORDED, RECORDED_STARTS = 40.0, 5.0, 64
+
+#: Nodes per control period in the table of such a gait, on straight lines between its states.
+#: `trajopt.feedback.orbit.located` searches one node in `SKIPPED`, and those around the nearest.
+NODES = 8
 
 
 def expert_policy(
@@ -158,15 +162,23 @@ def with_startup(
 
 
 def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]:
-    """The orbit of the gait to which a policy comes, and what a start-up costs on the way to it.
+    """The orbit of the gait into which a policy settles, and the weights of a start-up to it.
 
-    It is that of the walk whose cost of transport is the median one.
+    The gait is that of the walk whose cost of transport is the median one.
+
+    Args:
+        policy: see there.
+        conditions: machine and control period.
+
+    Returns:
+        The orbit: its nodes in single stance, along several strides; and the weights by which a
+        start-up costs what it loses of the return on the gait.
 
     Raises:
         DoesNotWalkError: the policy does not walk.
     """
     params, period = conditions.params, conditions.control.period
-    n, n_recorded = round(SETTLED / period), round(RECORDED / period)
+    n, n_recorded = round(LONG / period), round(RECORDED / period)
     starts = draw_starts(params, RECORDED_STARTS, 0)
     rollout, recorded = Rollout(conditions, policy, starts, n), list[Interval]()
     window, steps = WindowTotals(rollout.machines), np.zeros(len(starts))
@@ -179,30 +191,35 @@ def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]
     walking = np.flatnonzero(np.array(outcomes(fallen, steps > 0, window)) == WALKS)
     if not len(walking):
         raise DoesNotWalkError(
-            f"expert: walks from none of {len(starts)} starts after {SETTLED:g} s, so it has no "
+            f"expert: still walks after {LONG:g} s from none of {len(starts)} starts, so it has no "
             "gait to start up to; take one that walks, or leave out startup"
         )
     ledgers = window.ledgers()
     walking = walking[np.argsort([ledgers[i].cost_of_transport(params) for i in walking])]
     median = walking[len(walking) // 2]
     states = np.concatenate([each.states[each.running == median] for each in recorded])
-    actions = np.concatenate([each.actions[each.running == median] for each in recorded])
-    states, actions = states[states[:, MODE] == SINGLE], actions[states[:, MODE] == SINGLE]
-    smooth = np.ascontiguousarray(states[:, :4])
+    single = states[:, MODE] == SINGLE
+    continued = single[:-1] & single[1:] & (states[:-1, FOOT] == states[1:, FOOT])
+    smooth = states[:, :4].copy()
     smooth[:, 1] = np.unwrap(smooth[:, 1])
-    metric = 1.0 / np.var(smooth, axis=0)
+    metric = 1.0 / np.var(smooth[single], axis=0)
     if abs(smooth[-1, 1] - smooth[0, 1]) > 2 * np.pi:  # the pendulum turns over
         metric[1] = TURNING_WEIGHT
+    # between two ticks of a step the nodes are evenly spaced; a tick before a touchdown has one
+    shares = np.arange(NODES) / NODES
+    between = smooth[:-1, None] + shares[:, None] * np.diff(smooth, axis=0)[:, None]
+    some = np.where(continued[:, None], True, (shares == 0.0) & single[:-1, None])
+    nodes = np.ascontiguousarray(between[some])
     orbit = Orbit(
-        smooth,
-        np.arange(len(smooth), dtype=np.float64) * period,
-        actions * params.voltage_limit,
-        np.append(states[1:, FOOT] == states[:-1, FOOT], False),
+        nodes,
+        (period * (np.arange(len(between))[:, None] + shares))[some],
+        np.zeros(len(nodes)),  # a policy's voltages are its own
+        np.broadcast_to(continued[:, None], some.shape)[some],
         metric,
         params.voltage_limit,
     )
-    gait = ledgers[median]
-    speed, cot = gait.distance / gait.time, gait.cost_of_transport(params)
+    ledger = ledgers[median]
+    speed, cot = ledger.distance / ledger.time, ledger.cost_of_transport(params)
     return orbit, lost_return(params, speed, cot)
 
 

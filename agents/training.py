@@ -134,14 +134,16 @@ class TrainingConfig:
             TypeError: a value is of the wrong kind.
             CheckpointError: a policy to start from, or to imitate, cannot be read.
         """
-        if self.init != IMITATION and (self.expert != EXPERT or self.cloning is not None):
+        given = self.expert != EXPERT or self.startup or self.cloning is not None
+        if self.init != IMITATION and given:
             raise ValueError(
-                f"init = {self.init!r}: expert and cloning are for init = {IMITATION!r} only"
+                f"init = {self.init!r}: expert, startup and cloning are for init = {IMITATION!r} "
+                "only"
             )
         if self.startup and (not isinstance(self.expert, str) or self.expert in laws.names()):
             raise ValueError(
-                f"startup, expert = {self.expert!r}: is for an expert that is a policy's file; a "
-                "law has its own; leave out startup"
+                f"startup: expert = {self.expert!r} is a feedback law, which has its own start-up "
+                "controller; give a policy's file, or leave out startup"
             )
         if self.startup and self.speeds is not None:
             raise ValueError("startup, speeds: it leads to one gait; leave out one of them")
@@ -190,7 +192,7 @@ class TrainingConfig:
         if isinstance(self.expert, str) and self.expert != EXPERT:
             words += f" of {self.expert if self.expert in laws.names() else origin(self.expert)}"
         if self.startup:
-            words += " with a start-up controller"
+            words += " and its start-up controller"
         cloning = dataclasses.asdict(as_cloning(self.cloning))
         changed = {k: v for k, v in cloning.items() if v != usual[k]}
         return words + (f" with {json.dumps(changed)}" if changed else "")
@@ -270,6 +272,8 @@ def train(
             damaged.
         TypeError: an argument is of the wrong kind.
         CheckpointError: a policy to start from does not fit.
+        DoesNotWalkError: a policy to start from, or to imitate with a start-up controller, does not
+            walk.
         OSError: the disk is full, or `out` cannot be written; the last state is kept.
         KeyboardInterrupt: the training was stopped.
     """

@@ -31,7 +31,7 @@ from trajopt.pool import run
 from trajopt.store import Store, jsonable, provenance, require_shared, write_text
 
 #: Of the results in a study's folder.
-FORMAT = 4
+FORMAT = 5
 
 #: Seconds of a walk that are animated, and pictures of the animation per second.
 ANIMATED, FPS = 10.0, 20

@@ -132,7 +132,7 @@ def test_a_policy_is_distilled_into_another_learner_with_one_cloning_only(tmp_pa
     assert after[0][len(before)]["intervals"] > before[-1]["intervals"]
     with pytest.raises(ValueError, match="startup, speeds"):
         config("sac", startup=True, speeds=(0.5, 0.6), **clone).training()
-    with pytest.raises(ValueError, match="startup, expert = 'lqr'"):
+    with pytest.raises(ValueError, match="startup: expert = 'lqr' is a feedback law"):
         config("sac", startup=True, **clone | {"expert": "lqr"}).training()
     with pytest.raises(ValueError, match="gradient_steps"):
         run(tmp_path, "sac", cloning=QUICK | {"gradient_steps": 21}, **clone)
@@ -165,7 +165,7 @@ def test_a_training_for_commanded_speeds_observes_them(tmp_path, finished):
         ("td3", {}, ValueError, r"algo = 'td3': choose from \['cma_es', 'evolution', 'gradi"),
         ("ppo", {"seed": 2**32}, ValueError, "seed = 4294967296: must be .* at most 4294967295"),
         ("ppo", {"init": "none.zip"}, CheckpointError, r"none\.zip.*check the path"),
-        ("ppo", {"cloning": QUICK}, ValueError, "expert and cloning are for init = 'imitation'"),
+        ("ppo", {"cloning": QUICK}, ValueError, "expert, startup and cloning are for init = 'imitation'"),
         ("ppo", {"hyperparameters": {"gama": 1}}, ValueError, "'gama' is not known"),
         ("evolution", {"init": "imitation"}, ValueError, "cannot imitate; begin from 'scratch'"),
     ],

@@ -102,7 +102,7 @@ def lost_return(params: WheelParams, speed: float, cot: float) -> Weights:
 
 
 def near_for(params: WheelParams, orbit: Orbit) -> float:
-    """The distance from its gait up to which a law acts: `NEAR`, or that of `FEWEST` nodes.
+    """The distance from a gait up to which a law acts: `NEAR`, or that of `FEWEST` nodes.
 
     Laws hold a gait whose pendulum hardly moves from several of its small standard deviations.
     """

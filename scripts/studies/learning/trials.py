@@ -114,7 +114,7 @@ class Trained:
     def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
         """Train, or go on from the last state, and evaluate.
 
-        A policy that does not walk is left as it is where only one that walks can be gone on from.
+        CMA-ES leaves a policy as it is that does not walk.
         """
         cache = folder.parent / CACHE
         start = self.init
@@ -133,13 +133,15 @@ class Trained:
         if self.init == IMITATION and self.start is None:
             expert = EXPERT
             if self.expert is not None:
-                expert = start = str(others[self.expert.row.name] / self.expert.file)
+                expert = str(others[self.expert.row.name] / self.expert.file)
             config = dataclasses.replace(
                 config, expert=expert, startup=self.startup, cloning=self.cloning
             )
         try:
             trained = train(config, folder, cache=cache, progress=False)
         except DoesNotWalkError:
+            if self.start is None:
+                raise
             return SeedResult(self.evaluate(dict.fromkeys(self.files, Path(start)), by), 0, 0.0)
         files = {name: folder / file for name, file in self.files.items()}
         minutes = trained.curve[-1].minutes
