@@ -138,7 +138,7 @@ def with_startup(
     Args:
         policy: that walks, on the nominal machine without disturbances.
         conditions: machine and control period; no speed is commanded.
-        cache: folder where the start-up controller is kept.
+        cache: folder in which the start-up controller is cached.
         progress: whether to show progress on a terminal.
 
     Raises:
@@ -167,12 +167,12 @@ def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]
     The gait is that of the walk whose cost of transport is the median one.
 
     Args:
-        policy: see there.
+        policy: that walks.
         conditions: machine and control period.
 
     Returns:
-        The orbit: its nodes in single stance, along several strides; and the weights by which a
-        start-up costs what it loses of the return on the gait.
+        The orbit, whose nodes are in single stance, along several strides; and the weights by
+        which a start-up costs what it loses of the return on the gait.
 
     Raises:
         DoesNotWalkError: the policy does not walk.
@@ -199,20 +199,21 @@ def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]
     median = walking[len(walking) // 2]
     states = np.concatenate([each.states[each.running == median] for each in recorded])
     single = states[:, MODE] == SINGLE
-    continued = single[:-1] & single[1:] & (states[:-1, FOOT] == states[1:, FOOT])
+    same_foot = np.diff(states[:, FOOT], append=np.nan) == 0.0
+    continued = single & np.append(single[1:], False) & same_foot
     smooth = states[:, :4].copy()
     smooth[:, 1] = np.unwrap(smooth[:, 1])
     metric = 1.0 / np.var(smooth[single], axis=0)
     if abs(smooth[-1, 1] - smooth[0, 1]) > 2 * np.pi:  # the pendulum turns over
         metric[1] = TURNING_WEIGHT
-    # between two ticks of a step the nodes are evenly spaced; a tick before a touchdown has one
+    # (ticks, NODES): evenly spaced up to the next tick of a step, one node at its last tick
     shares = np.arange(NODES) / NODES
-    between = smooth[:-1, None] + shares[:, None] * np.diff(smooth, axis=0)[:, None]
-    some = np.where(continued[:, None], True, (shares == 0.0) & single[:-1, None])
-    nodes = np.ascontiguousarray(between[some])
+    some = single[:, None] & (continued[:, None] | (shares == 0.0))
+    ahead = np.diff(smooth, axis=0, append=smooth[-1:])
+    nodes = np.ascontiguousarray((smooth[:, None] + shares[:, None] * ahead[:, None])[some])
     orbit = Orbit(
         nodes,
-        (period * (np.arange(len(between))[:, None] + shares))[some],
+        (period * (np.arange(len(states))[:, None] + shares))[some],
         np.zeros(len(nodes)),  # a policy's voltages are its own
         np.broadcast_to(continued[:, None], some.shape)[some],
         metric,

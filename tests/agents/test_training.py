@@ -165,7 +165,12 @@ def test_a_training_for_commanded_speeds_observes_them(tmp_path, finished):
         ("td3", {}, ValueError, r"algo = 'td3': choose from \['cma_es', 'evolution', 'gradi"),
         ("ppo", {"seed": 2**32}, ValueError, "seed = 4294967296: must be .* at most 4294967295"),
         ("ppo", {"init": "none.zip"}, CheckpointError, r"none\.zip.*check the path"),
-        ("ppo", {"cloning": QUICK}, ValueError, "expert, startup and cloning are for init = 'imitation'"),
+        (
+            "ppo",
+            {"cloning": QUICK},
+            ValueError,
+            "expert, startup and cloning are for init = 'imitation'",
+        ),
         ("ppo", {"hyperparameters": {"gama": 1}}, ValueError, "'gama' is not known"),
         ("evolution", {"init": "imitation"}, ValueError, "cannot imitate; begin from 'scratch'"),
     ],
