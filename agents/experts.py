@@ -64,6 +64,11 @@ WITHIN_REACH = 0.06
 #: A policy's own gait is that of the last seconds of a long walk, from one of so many starts.
 LONG, RECORDED, RECORDED_STARTS = 40.0, 5.0, 64
 
+#: Distance from its gait at which a policy has no share of the voltage any more; the start-up
+#: controller has none up to `near_for`. A network cannot imitate a switch near the gait: gaits that
+#: are only just stable would be lost.
+FAR = 0.5
+
 #: Nodes per control period in the table of such a gait, on straight lines between its states.
 #: `trajopt.feedback.orbit.located` searches one node in `SKIPPED`, and those around the nearest.
 NODES = 8
@@ -133,7 +138,9 @@ def fitting_policy(path: str, conditions: Conditions) -> Checkpoint:
 def with_startup(
     policy: Policy, conditions: Conditions, cache: Path | None = None, progress: bool = True
 ) -> Policy:
-    """A policy near its own gait, and the start-up controller that leads there everywhere else.
+    """A policy near its own gait, and far from it the start-up controller that leads there.
+
+    In between, the voltage is a mean of both.
 
     Args:
         policy: that walks, on the nominal machine without disturbances.
@@ -149,16 +156,20 @@ def with_startup(
     params = conditions.params
     orbit, weights = walked_gait(policy, Conditions(params, control=conditions.control))
     near = near_for(params, orbit)
+    far = max(FAR, 2.0 * near)
     startup = startup_for(params, orbit, near, weights, cache)
 
-    def switching(states: Floats, observations: NDArray[np.float32]) -> Floats:
+    def blended(states: Floats, observations: NDArray[np.float32]) -> Floats:
         modes, smooth = states[:, MODE].astype(np.int64), np.ascontiguousarray(states[:, :4])
-        far = (modes != SINGLE) | (squared_distances(smooth, orbit) > near**2)
-        actions = policy(states, observations)
-        actions[far] = startup(smooth[far], modes[far]) / params.voltage_limit
+        away = np.sqrt(squared_distances(smooth, orbit))
+        away[modes != SINGLE] = far
+        share = np.clip((away - near) / (far - near), 0.0, 1.0)  # of the start-up controller
+        actions, some = policy(states, observations), share > 0.0
+        led = startup(smooth[some], modes[some]) / params.voltage_limit
+        actions[some] += share[some] * (led - actions[some])
         return actions
 
-    return switching
+    return blended
 
 
 def walked_gait(policy: Policy, conditions: Conditions) -> tuple[Orbit, Weights]:

@@ -127,7 +127,7 @@ def test_a_policys_own_gait_is_the_one_that_it_walks_at_last(briefly):
 def test_near_its_gait_a_policy_acts_and_elsewhere_its_start_up_controller(briefly, monkeypatch):
     policy = load_policy("imitation")
     monkeypatch.setattr(experts, "startup_for", lambda *args: lambda x, mode: 6.0 + 0.0 * x[:, 0])
-    switching = with_startup(policy.policy, policy.conditions, progress=False)
+    blended = with_startup(policy.policy, policy.conditions, progress=False)
     walk = list(Rollout(policy.conditions, policy.policy, at_rest(BUILDABLE)[None], 1500))
     stepping = next(each for each in walk if each.states[0, MODE] == SINGLE)  # far from the gait
     some = (walk[0], stepping, walk[-1])
@@ -136,7 +136,7 @@ def test_near_its_gait_a_policy_acts_and_elsewhere_its_start_up_controller(brief
         for name in ("states", "observations", "actions")
     )
     expected = [6.0 / BUILDABLE.voltage_limit] * 2 + [actions[2]]
-    np.testing.assert_allclose(switching(states, observations), expected, rtol=1e-6)
+    np.testing.assert_allclose(blended(states, observations), expected, rtol=1e-6)
 
 
 def test_a_policy_that_does_not_walk_has_no_gait_to_start_up_to(briefly):
