@@ -15,6 +15,11 @@ states are that it passes:
 Both wrap the native vector environment, so that any learner can use them; `agents.sb3.sac` uses
 only the second, and adds the potential to the rewards that it samples::
 
+    import gymnasium as gym
+    from agents.conditions import Conditions
+    from agents.prior import PotentialShaping, ReferenceStarts, law_prior
+    from rimless_gym import Task
+
     prior = law_prior(Conditions(), Task())
     envs = gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep")
     envs = PotentialShaping(ReferenceStarts(envs, prior), prior)
@@ -45,6 +50,7 @@ from rimless_gym.params import WheelParams
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Floats
+from trajopt.pool import announce
 
 with extra("learn"):
     import torch
@@ -188,6 +194,8 @@ def law_prior(
         ValueError: the law falls from most starts.
         NoGaitError: there is no gait at its speed.
     """
+    if progress:
+        announce(f"designing {EXPERT} and fitting the potential of its walks (a minute)")
     nominal = Conditions(conditions.params, control=conditions.control)
     gait = periodic_gait(nominal.params, SPEED, hold=nominal.control.period, progress=progress)
     law = controller_policy(nominal.params, laws.design(EXPERT, gait, cache))

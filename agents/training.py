@@ -146,7 +146,10 @@ class TrainingConfig:
                 "controller; give a policy's file, or leave out startup"
             )
         if self.startup and self.speeds is not None:
-            raise ValueError("startup, speeds: it leads to one gait; leave out one of them")
+            raise ValueError(
+                f"startup, speeds = {self.speeds}: a start-up controller leads to one gait; leave "
+                "out one of them"
+            )
         kind = learner_class(self.algo)
         if self.init == IMITATION and kind.imitate is Learner.imitate:
             raise ValueError(
@@ -493,8 +496,8 @@ class Trainer:
             self._curve = [Milestone(**each) for each in state["curve"]]
         except Exception as error:  # torch and learners may raise anything
             raise ValueError(
-                f"{path}: {error!r}; go on with the versions that began it, or remove {self._out} "
-                "to train anew"
+                f"{path}: damaged, or of other versions ({error!r}); go on with these, or choose "
+                f"another folder to train anew; policies in {self._out} can still be used"
             ) from error
 
     def _save_policy(self, name: str, **notes: Any) -> None:

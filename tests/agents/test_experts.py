@@ -8,6 +8,7 @@ import pytest
 from agents import experts
 from agents.conditions import Conditions
 from agents.experts import (
+    FAR,
     GainSchedule,
     OwnLaws,
     ScheduledLaw,
@@ -129,14 +130,18 @@ def test_near_its_gait_a_policy_acts_and_elsewhere_its_start_up_controller(brief
     monkeypatch.setattr(experts, "startup_for", lambda *args: lambda x, mode: 6.0 + 0.0 * x[:, 0])
     blended = with_startup(policy.policy, policy.conditions, progress=False)
     walk = list(Rollout(policy.conditions, policy.policy, at_rest(BUILDABLE)[None], 1500))
-    stepping = next(each for each in walk if each.states[0, MODE] == SINGLE)  # far from the gait
-    some = (walk[0], stepping, walk[-1])
-    states, observations, actions = (
-        np.concatenate([getattr(each, name) for each in some])
+    states, observations, own = (
+        np.concatenate([getattr(each, name) for each in walk])
         for name in ("states", "observations", "actions")
     )
-    expected = [6.0 / BUILDABLE.voltage_limit] * 2 + [actions[2]]
-    np.testing.assert_allclose(blended(states, observations), expected, rtol=1e-6)
+    orbit, _ = walked_gait(policy.policy, policy.conditions)
+    away = np.sqrt(squared_distances(np.ascontiguousarray(states[:, :4]), orbit))
+    away[states[:, MODE] != SINGLE] = np.inf
+    share = np.clip((away - NEAR) / (FAR - NEAR), 0.0, 1.0)
+    assert {0.0, 1.0} < set(share)
+    assert ((share > 0.1) & (share < 0.9)).any()
+    expected = own + share * (6.0 / BUILDABLE.voltage_limit - own)
+    np.testing.assert_allclose(blended(states, observations), expected, atol=1e-6)
 
 
 def test_a_policy_that_does_not_walk_has_no_gait_to_start_up_to(briefly):
