@@ -87,9 +87,16 @@ class Cloning:
             raise ValueError(f"held_out = {self.held_out}: must be greater than 0, at most 0.5")
 
 
-def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
+#: How to clone a policy and its start-up controller. The gait of a policy may be only just stable,
+#: and its clone unstable: one that falls after 10 to 20 s has to walk so long to learn from it.
+LASTING = Cloning(seconds=15.0, labels=90_000, gait_labels=48_000)
+
+
+def as_cloning(
+    cloning: Cloning | Mapping[str, Any] | None, usual: Cloning | None = None
+) -> Cloning:
     """How to clone, given as such or as a mapping of some fields; None: as usual."""
-    checked: Cloning = as_instance(Cloning, "cloning", cloning, Cloning())
+    checked: Cloning = as_instance(Cloning, "cloning", cloning, usual or Cloning())
     return checked
 
 

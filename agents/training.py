@@ -22,7 +22,7 @@ from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.experts import EXPERT, OwnLaws, expert_policy, fitting_policy
 from agents.gaps import gap_to_continuous_optimum
-from agents.imitation import Cloning, as_cloning
+from agents.imitation import LASTING, Cloning, as_cloning
 from agents.learner import (
     BEST,
     CLONE,
@@ -100,7 +100,8 @@ class TrainingConfig:
         expert: to imitate, see `agents.experts.expert_policy`.
         startup: whether an expert in a file is imitated near its own gait only, and elsewhere the
             start-up controller of that gait.
-        cloning: how, default `Cloning()`; or a dictionary of some of its fields.
+        cloning: how, default `Cloning()`, or `LASTING` of `agents.imitation` with `startup`; or a
+            dictionary of some of its fields.
         prior: a prior of this machine, task and control period, see `agents.prior`; "law": that of
             the usual expert; None: nothing is known.
         score: what "best" means, larger is better; default: `walking_economy`, or the reward
@@ -187,6 +188,11 @@ class TrainingConfig:
             self.prior,
         )
 
+    @property
+    def how_to_clone(self) -> Cloning:
+        """All of `cloning`."""
+        return as_cloning(self.cloning, LASTING if self.startup else None)
+
     def _start(self) -> str:
         """What the training begins from, in words."""
         if self.init != IMITATION:
@@ -196,7 +202,7 @@ class TrainingConfig:
             words += f" of {self.expert if self.expert in laws.names() else origin(self.expert)}"
         if self.startup:
             words += " and its start-up controller"
-        cloning = dataclasses.asdict(as_cloning(self.cloning))
+        cloning = dataclasses.asdict(self.how_to_clone)
         changed = {k: v for k, v in cloning.items() if v != usual[k]}
         return words + (f" with {json.dumps(changed)}" if changed else "")
 
@@ -365,7 +371,7 @@ class Trainer:
 
     def imitate(self, expert: Policy) -> None:
         """Clone the expert."""
-        cloning = as_cloning(self._config.cloning)
+        cloning = self._config.how_to_clone
         report = self._learner.imitate(expert, cloning, self._progress)
         self._labels = report.samples
         self._save_policy(CLONE, cloning=dataclasses.asdict(report))
