@@ -95,8 +95,11 @@ LASTING = Cloning(seconds=15.0, labels=90_000, gait_labels=48_000)
 def as_cloning(
     cloning: Cloning | Mapping[str, Any] | None, usual: Cloning | None = None
 ) -> Cloning:
-    """How to clone, given as such or as a mapping of some fields; None: as usual."""
-    checked: Cloning = as_instance(Cloning, "cloning", cloning, usual or Cloning())
+    """How to clone, given as such or as a mapping of fields that differ; None: as usual."""
+    usual = usual or Cloning()
+    if isinstance(cloning, Mapping):
+        cloning = {**dataclasses.asdict(usual), **cloning}
+    checked: Cloning = as_instance(Cloning, "cloning", cloning, usual)
     return checked
 
 

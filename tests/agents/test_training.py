@@ -15,6 +15,7 @@ import torch
 
 from agents import training
 from agents.evaluate import evaluate
+from agents.imitation import LASTING
 from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts
 from agents.policy_files import (
     LAW_ACTIONS,
@@ -130,6 +131,8 @@ def test_a_policy_is_distilled_into_another_learner_with_one_cloning_only(tmp_pa
     before, *after = (read_record(file)["curve"] for file in ("evolution", learned))
     assert after[0][: len(before)] == before
     assert after[0][len(before)]["intervals"] > before[-1]["intervals"]
+    longer = config("sac", startup=True, cloning={"rounds": 3}, **clone).how_to_clone
+    assert (longer.rounds, longer.seconds) == (3, LASTING.seconds)
     with pytest.raises(ValueError, match="startup, speeds"):
         config("sac", startup=True, speeds=(0.5, 0.6), **clone).training()
     with pytest.raises(ValueError, match="startup: expert = 'lqr' is a feedback law"):
