@@ -98,7 +98,7 @@ class TrainingConfig:
         control_period: how long an action is held (s), default: that of the environment.
         hyperparameters: that differ from the learner's own; or all of them, as its `settings`.
         expert: to imitate, see `agents.experts.expert_policy`.
-        startup: whether an expert in a file is imitated near its own gait only, and elsewhere the
+        startup: whether an expert in a file is imitated near its own gait only, and far from it the
             start-up controller of that gait.
         cloning: how, default `Cloning()`, or `LASTING` of `agents.imitation` with `startup`; or a
             dictionary of some of its fields.

@@ -67,8 +67,8 @@ def train(
         settings: hyperparameters that differ from the learner's own: gamma=0.995
         cloning: how to imitate, fields of agents.imitation.Cloning: gait_labels=80000
         prior: law: a feedback law's values shape the reward, and some walks begin on its way
-        startup: imitate a policy near its own gait only, and elsewhere the start-up controller of
-            that gait, which is computed first
+        startup: imitate a policy near its own gait only, and far from it the start-up controller
+            of that gait, which is computed first
     """
     from agents.learner import learner_class
 
