@@ -117,7 +117,13 @@ bench: $(DEVELOPERS)
 	$(STUDY) benchmark --out docs $(ARGS)
 	$(STUDY) accelerator
 
-figures returns textbook thesis: $(DEVELOPERS)
+returns: $(DEVELOPERS)
+	$(STUDY) returns --docs docs/environment.md $(ARGS)
+
+thesis: $(DEVELOPERS)
+	$(STUDY) thesis --docs docs/thesis.md $(ARGS)
+
+figures textbook: $(DEVELOPERS)
 	$(STUDY) $@ $(ARGS)
 
 clean:

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from agents.policy_files import PRETRAINED, load_policy
     from agents.sb3.vec_env import Sb3VecEnv
-    from agents.training import TrainingConfig, train
+    from agents.training import train
+    from agents.training_config import TrainingConfig
 
 __all__ = ["PRETRAINED", "Sb3VecEnv", "TrainingConfig", "load_policy", "train"]
 
 _HOMES = {
     "PRETRAINED": "agents.policy_files",
     "Sb3VecEnv": "agents.sb3.vec_env",
-    "TrainingConfig": "agents.training",
+    "TrainingConfig": "agents.training_config",
     "load_policy": "agents.policy_files",
     "train": "agents.training",
 }

@@ -18,7 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
-from agents.policy_files import BASELINES, PRETRAINED, named_policy, origin
+from agents.policy_files import (
+    ADAPTIVE,
+    BASELINES,
+    PRETRAINED,
+    load_policy,
+    named_policy,
+    origin,
+)
 from agents.rollout import Episode, Policy, episodes
 from rimless_gym import __version__
 from rimless_gym.checks import extra
@@ -90,15 +97,19 @@ class DatasetConfig:
         """
         recipe = dataclasses.asdict(self) | {"policy": name, "version": __version__}
         recipe["params"] = self.params and self.params.to_dict()
-        if name not in (OPTIMAL, *BASELINES, *laws.names()):
+        if name not in (OPTIMAL, ADAPTIVE, *BASELINES, *laws.names()):
             recipe["weights"] = origin(name)
         return dict(json.loads(json.dumps(recipe)))
 
 
-def standard() -> tuple[str, ...]:
-    """The policies of which datasets are written unless others are named."""
+def standard(params: WheelParams | None) -> tuple[str, ...]:
+    """The policies of which datasets are written unless others are named.
+
+    Those that come with the package are among them where their machine is not another one.
+    """
     fast = (name for name in laws.names() if name not in laws.SLOW)
-    return (OPTIMAL, "random", *fast, *PRETRAINED)
+    shipped = (name for name in PRETRAINED if params in (None, load_policy(name).params))
+    return (OPTIMAL, "random", *fast, *shipped)
 
 
 def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[str]:

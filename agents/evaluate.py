@@ -96,6 +96,9 @@ EPISODE = EPISODE_STEPS * CONTROL_PERIOD
 #: A slow command, a usual one, and one near the fastest that an episode may draw (m/s).
 COMMANDS = (0.35, 0.5, 0.6)
 
+#: Of several trainings, a seed walks if its policy walks from this share of the starts.
+ENOUGH = 0.95
+
 #: Between the commands at which a policy is evaluated for the range that it was trained for (m/s).
 COMMAND_STEP = 0.02
 

@@ -33,7 +33,7 @@ from agents.rollout import (
     Running,
     controller_policy,
     draw_starts,
-    seeing_policy,
+    true_state_policy,
 )
 from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.equations import SINGLE
@@ -103,7 +103,7 @@ def expert_policy(
     if not isinstance(expert, str):
         return controller_policy(params, expert)
     if expert not in laws.names():
-        policy = seeing_policy(params, fitting_policy(expert, conditions).act)
+        policy = true_state_policy(params, fitting_policy(expert, conditions).act)
         return with_startup(policy, conditions, cache, progress) if startup else policy
     if progress:
         announce(f"designing {expert} and its start-up controller (up to a minute)")

@@ -147,7 +147,7 @@ def network_data(policy: Checkpoint) -> list[dict[str, Any]]:
         {name.rpartition(".")[0] for name in weights if name.startswith(_HIDDEN)},
         key=lambda name: int(name.removeprefix(_HIDDEN)),
     )
-    if not (policy.algo == "ppo" and plain and hidden):
+    if not (plain and hidden):
         raise ValueError(
             f"a {policy.algo} policy with {policy.conditions.control} and {kwargs}: a page runs "
             "networks of tanh layers that set the voltage every 10 ms; choose such a policy, as "

@@ -27,7 +27,7 @@ from agents.rollout import (
     AdaptivePolicy,
     Policy,
     Predictor,
-    Seeing,
+    ShapeChecked,
     controller_policy,
     learned_policy,
 )
@@ -120,7 +120,7 @@ class Checkpoint(Predictor):
         parts: what the file held; the record has everything that was saved with the weights.
     """
 
-    act: Seeing
+    act: ShapeChecked
     algo: str
     task: Task
     seed: int
@@ -261,7 +261,7 @@ def load_policy(
         )
     parts = PolicyParts(record, weights)
     try:
-        act = Seeing(kind.load(parts, conditions, task), len(now))
+        act = ShapeChecked(kind.load(parts, conditions, task), len(now))
     except Exception as error:  # learners may raise anything
         raise CheckpointError(
             f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "

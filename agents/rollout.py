@@ -87,7 +87,7 @@ def begun(policy: Policy, machines: Sequence[WheelParams], running: Running) -> 
 
 
 @dataclasses.dataclass(frozen=True)
-class Seeing:
+class ShapeChecked:
     """A learner's policy that refuses observations of another shape than it was trained on."""
 
     act: Act  # the policy
@@ -135,7 +135,7 @@ def controller_policy(params: Machine, controller: Controller) -> Policy:
     return policy
 
 
-def seeing_policy(params: Machine, act: Act) -> Policy:
+def true_state_policy(params: Machine, act: Act) -> Policy:
     """A learner's policy that sees the true state where sensors are noisy, to be imitated."""
     machine = as_params(params)
 
@@ -186,7 +186,7 @@ class Predictor:
             ValueError: the observations are of another shape.
         """
         size = COMMANDED_SIZE if self.conditions.commanded else OBSERVATION_SIZE
-        actions = Seeing(self._act, size)(np.asarray(observation, dtype=np.float32))
+        actions = ShapeChecked(self._act, size)(np.asarray(observation, dtype=np.float32))
         return np.clip(actions, -1.0, 1.0).astype(np.float32)[..., np.newaxis], state
 
     def _act(self, observations: NDArray[np.float32]) -> Floats:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from agents.reward_weight import economy
-from agents.training import DivergedError, TrainingConfig, train
+from agents.training import DivergedError, train
+from agents.training_config import TrainingConfig
 from rimless_gym.checks import extra, integer
 from trajopt import pool
 from trajopt.store import Store, key, write_text

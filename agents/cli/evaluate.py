@@ -82,7 +82,7 @@ def evaluate(
             module:name of a function of observations (N, 6), or of a model with such a `predict`;
             `rimless list` names them
         gait: file of the gait that laws hold (.npz)
-        speed: of the gait that laws hold (m/s); by default 0.62
+        speed: of the gait that laws hold (m/s), whose voltage is held for 10 ms; by default 0.62
         steps: per stride, of the gait that laws hold; by default 1
         commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
             range that they were trained for
@@ -91,7 +91,8 @@ def evaluate(
         no_gap: do not compare with optimal gaits
         trust_pickle: also read files of plain stable-baselines3, which runs any code their author
             put in
-        seeds: the policies are seeds of one training: print interquartile mean and 95 % interval
+        seeds: the policies are seeds of one training: print interquartile mean and 95 % interval,
+            and how many walk
         headline: print rows of the README's table
         json_: print everything as JSON
         preset: machine that the policies must be for; by default the one each was trained on
@@ -103,6 +104,7 @@ def evaluate(
     from agents.conditions import Conditions
     from agents.evaluate import evaluate as measured
     from rimless_gym.envs.arguments import as_speeds
+    from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt.store import provenance
 
     if not policies:
@@ -117,7 +119,7 @@ def evaluate(
 
         if gait is not None:
             return Solution.load(gait)
-        return periodic_gait(params, speed or 0.62, steps or 1, progress=True)
+        return periodic_gait(params, speed or 0.62, steps or 1, hold=CONTROL_PERIOD, progress=True)
 
     named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:
@@ -237,9 +239,10 @@ def _compared(w: NamedPolicy, result: Evaluation, gaits: Path) -> dict[str, Any]
         rate = reward_rate(least)
     elif w.command is not None and front is not None:
         weight = w.conditions.default_task.distance_weight
-        rate = (weight - float(front(w.command))) * w.command
+        if front.envelope[0].speed <= w.command <= front.envelope[-1].speed:
+            rate = (weight - float(front(w.command))) * w.command
     return {
-        "over_least": None if least is None else result.cot / least.cot - 1.0,
+        "over_least": result.cot / least.cot - 1.0 if least and result.walking_share else None,
         "gap": gap,
         "return_share": None if rate is None else float(result.returns.mean()) / (EPISODE * rate),
     }
@@ -263,12 +266,17 @@ def headline_rows(named: Sequence[NamedPolicy], rows: Sequence[dict[str, Any]]) 
 
 
 def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Interquartile mean and 95 % interval of each figure over the policies that have it."""
-    from agents.evaluate import bootstrap_interval, interquartile_mean
+    """Interquartile mean and 95 % interval of each figure, and over how many seeds.
+
+    Starts and returns are those of all seeds, other figures those of the seeds that walk.
+    """
+    from agents.evaluate import ENOUGH, bootstrap_interval, interquartile_mean
 
     summary: dict[str, Any] = {}
     for name, _ in COLUMNS:
-        values = [row[name] for row in rows if row[name] is not None]
+        of_all = name in ("walking_share", "return_20_s", "return_share")
+        some = [row for row in rows if of_all or row["walking_share"] >= ENOUGH]
+        values = [row[name] for row in some if row[name] is not None]
         if values:
             low, high = bootstrap_interval(values)
             mean = interquartile_mean(values)
@@ -278,6 +286,8 @@ def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[str, Any]) -> str:
     """One line a policy, then the summary, then why starts do not count."""
+    from agents.evaluate import ENOUGH
+
     width = max(24, *(len(name) for name in names))
     lines = [" " * width + "".join(f"{title:>16}" for _, title in COLUMNS)]
     for name, row in zip(names, rows, strict=True):
@@ -286,6 +296,8 @@ def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[st
         for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
             cells = [_cell(c, summary.get(c, {}).get(key)) for c, _ in COLUMNS]
             lines.append(f"{title:{width}}" + "".join(cells))
+        walk = summary.get("cot", {}).get("seeds", 0)
+        lines.append(f"{walk} of {len(rows)} walk, from at least {ENOUGH:.0%} of their starts")
     for name, row in zip(names, rows, strict=True):
         if row["failures"]:
             count, starts = sum(row["failures"].values()), row["protocol"]["starts"]

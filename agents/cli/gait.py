@@ -103,7 +103,8 @@ def catalog() -> int:
 
     for title, names in (
         ("policies", PRETRAINED),
-        ("feedback laws", [*laws.names(), ADAPTIVE]),
+        ("feedback laws", laws.names()),
+        ("controller that identifies its machine", [ADAPTIVE]),
         ("learners", sorted(LEARNERS)),
     ):
         print(f"{title}: {', '.join(names)}")

@@ -73,8 +73,8 @@ def train(
     from agents.learner import learner_class
 
     learner = learner_class(algo)  # prints a line first: this and the next imports load PyTorch
-    from agents.training import TrainingConfig
     from agents.training import train as trained
+    from agents.training_config import TrainingConfig
 
     config = TrainingConfig(
         algo,
@@ -96,8 +96,8 @@ def train(
     config.training()  # what is refused here makes no folder
     require_folder(out)
     trained(config, out)
-    best = out / learner.recommended
-    print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
+    policy = out / learner.recommended
+    print(f"recommended policy: {policy}; measure it with `rimless evaluate {policy}`")
     return 0
 
 
@@ -136,7 +136,7 @@ def tune(
         out: folder of the search
         workers: processes; by default as many as cores
     """
-    from agents.training import TrainingConfig
+    from agents.training_config import TrainingConfig
     from agents.tuning import BEST
     from agents.tuning import tune as tuned
 

@@ -155,7 +155,8 @@ def data(
 
     Args:
         policies: optimal (an episode on each of several gaits), idle, random, a feedback law, or a
-            policy (see `rimless list`) or its file; by default all that walk fast enough
+            policy (see `rimless list`) or its file; by default all of them but the laws that take
+            minutes, and policies of another machine
         out: folder, Minari's MINARI_DATASETS_PATH
         episodes: of every policy, at most 10,000
         seed: of the first episode, and of random voltages
@@ -169,7 +170,7 @@ def data(
 
     require_folder(out)
     params_ = machine(preset, params) if preset or params else None
-    names = tuple(dict.fromkeys(policies or standard()))
+    names = tuple(dict.fromkeys(policies or standard(params_)))
     config = DatasetConfig(params_, episodes, seed, speed)
     with Store(out):
         todo = missing(out, names, config)

@@ -78,6 +78,7 @@ def compare(
             if isinstance(each, LearnedMethod | ShippedMethod) and each.curve
             if results[each.name].get("curve")  # not all policies have kept theirs
         }
+        _print(setting, "plots and an animation (some seconds)")
         write_figures(setting, rows, curves)
         _animate(setting)
     return rows
@@ -94,6 +95,8 @@ def complete(
             shutil.rmtree(setting.out / method.name, ignore_errors=True)  # of a training
             (setting.out / f"{method.name}.json").unlink()
     done, work = len(compared) - len(todo), functools.partial(_compute, setting, workers == 1)
+    if todo:
+        _print(setting, f"{len(todo)} methods to compute, each in up to some minutes")
     results = run(work, _ready_first(setting.out, longest_chains_first(todo)), workers)
     with closing(results):
         for method, seconds in results:

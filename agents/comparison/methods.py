@@ -33,7 +33,8 @@ from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH, DoesNotWalkError
 from agents.policy_files import BASELINES, PRETRAINED, TrainingEffort, load_policy, read_record
 from agents.rollout import AdaptivePolicy, controller_policy, law_title
-from agents.training import TrainingConfig, train
+from agents.training import train
+from agents.training_config import TrainingConfig
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait

@@ -1,7 +1,7 @@
 """Evolution of smooth policies on the compiled simulator, from nothing: no gait, no demonstration.
 
 See `agents.evolution.search` for the search and `agents.evolution.walks` for what evolves. It takes
-600 million control intervals, about five minutes of one core.
+600 million control intervals, about four minutes of one core.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ from agents.evolution.walks import (
     members,
     senses,
 )
-from agents.learner import LearnerSettings
+from agents.learner import DoesNotWalkError, LearnerSettings
 from agents.reward_weight import LEAST_SHARE, NO_WALK, CleanWalking, adapted_weight, economy
 from agents.rollout import draw_starts
 from rimless_gym.checks import extra, integer, positive
@@ -125,9 +125,11 @@ class EvolutionSettings(LearnerSettings):
     rewarded_speed: float = 0.6
 
     def __post_init__(self) -> None:
+        least = {"trial": CHECK_EVERY, "glance": 2}  # half of a walk is measured
+        least |= {f.name: 2 for f in dataclasses.fields(self) if f.name.endswith("intervals")}
         for field in dataclasses.fields(self):
             if isinstance(field.default, int):
-                integer(field.name, getattr(self, field.name), 1)
+                integer(field.name, getattr(self, field.name), least.get(field.name, 1))
             else:
                 positive(field.name, getattr(self, field.name))
 
@@ -234,10 +236,10 @@ def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
     drawn = drawn[np.unique(np.concatenate([*_best(glanced, settings.retained).values()]))]
     screened = yield request(drawn, settings.screen_intervals, FAMILIES)
     if not len(screened.groups):
-        raise ValueError(
-            f"none of {settings.screened} random policies walks with these parameters: try another "
-            "seed, start from a policy's file (init), or screen more of them "
-            "(EvolutionSettings.screened)"
+        raise DoesNotWalkError(
+            f"screened = {settings.screened}: none of so many random policies walks with these "
+            "parameters; try another seed, start from a policy's file (init), or screen more of "
+            "them (--settings screened=200000)"
         )
     best = _best(screened, settings.candidates)
     return {family: drawn[some] for family, some in best.items()}
@@ -277,10 +279,10 @@ def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[Evolvi
         ranked += _ranked(candidates, settings.finalists)
     finalists = [one for one in ranked if one.score > 0.0]
     if not finalists:
-        raise ValueError(
+        raise DoesNotWalkError(
             f"none of the policies that walk among {settings.screened} random ones still walks "
             f"after {settings.trial} generations: try another seed, start from a policy's file "
-            "(init), or screen more of them (EvolutionSettings.screened)"
+            "(init), or screen more of them (--settings screened=200000)"
         )
     for generations in (settings.race, 2 * settings.race):
         for one in finalists:

@@ -27,7 +27,7 @@ from agents.conditions import require_usual
 from agents.imitation import walk
 from agents.learner import Callback, PolicyParts, Training
 from agents.rollout import draw_starts, learned_policy
-from agents.sb3.learner import FineTuner
+from agents.sb3.learner import FineTuner, architecture
 from rimless_gym.checks import extra
 from rimless_gym.kernel.stepping import HybridState
 from rimless_gym.params import WheelParams
@@ -77,6 +77,9 @@ class Gradients(FineTuner):
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         require_usual(self.name, training.conditions)
         super().__init__(training, start)
+        activation = architecture(self.model).get("activation_fn", "Tanh")
+        if activation != "Tanh":
+            raise ValueError(f"activation_fn = {activation!r}: {self.name} needs layers of Tanh")
         self._descent: Descent | None = None
 
     def learn(self, until: int, callback: Callback) -> None:

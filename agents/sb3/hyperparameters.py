@@ -18,7 +18,7 @@ from torch import nn
 
 from agents.learner import NO_CHANGES, PRIOR, SCRATCH, LearnerSettings, require_known
 from agents.sb3.wrappers import HeldActions, Wrapping
-from rimless_gym.checks import as_instance, flag, integer, positive, real
+from rimless_gym.checks import as_instance, flag, integer, positive, real, require_kind
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 
@@ -51,6 +51,9 @@ PLAIN: dict[Any, Callable[[str, Any], Any]] = {
     float: real,
     bool: flag,
 }
+
+#: Those that are between 0 and 1.
+SHARES = ("gamma", "gae_lambda", "tau")
 
 #: What `env_wrapper` may list.
 _TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
@@ -135,6 +138,8 @@ def hyperparameters(
     for name, value in changes.items():
         if name in taken and taken[name].annotation in PLAIN:
             PLAIN[taken[name].annotation](name, value)
+        if name in SHARES and not 0.0 <= value <= 1.0:
+            raise ValueError(f"{name} = {value}: must be from 0 to 1")
     entries = yaml.safe_load((FOLDER / file).read_text())
     entry = "RimlessWheel-v0" + {SCRATCH: "", PRIOR: "-prior"}.get(init, "-imitation")
     written = entries[entry] | dict(changes)
@@ -167,10 +172,19 @@ def hyperparameters(
 
 
 def policy_kwargs(described: Mapping[str, Any]) -> dict[str, Any]:
-    """The `policy_kwargs` of an algorithm, with an activation in place of its name."""
+    """The `policy_kwargs` of an algorithm, with an activation in place of its name.
+
+    Raises:
+        TypeError: they are no mapping.
+        ValueError: there is no such activation.
+    """
+    require_kind("policy_kwargs", described, Mapping)
     kwargs = dict(described)
     if "activation_fn" in kwargs:
-        kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]
+        name = kwargs["activation_fn"]
+        if name not in ACTIVATIONS:
+            raise ValueError(f"activation_fn = {name!r}: choose from {list(ACTIVATIONS)}")
+        kwargs["activation_fn"] = ACTIVATIONS[name]
     return kwargs
 
 

@@ -35,7 +35,7 @@ from agents.learner import (
     require_known,
 )
 from agents.prior import PotentialShaping, ReferenceStarts, WithPrior
-from agents.rollout import Act, Policy, Seeing
+from agents.rollout import Act, Policy, ShapeChecked
 from agents.sb3.feedforward import SCALE, BackEmfFeedforward, Feedforward, commanding_voltages
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
@@ -564,7 +564,7 @@ def restore_model(model: Any, state: dict[str, Any]) -> None:
     model.action_space.np_random.bit_generator.state = generators["actions"]
 
 
-def unpickled(path: Path, params: WheelParams) -> tuple[str, Seeing, Conditions]:
+def unpickled(path: Path, params: WheelParams) -> tuple[str, ShapeChecked, Conditions]:
     """The learner, the policy and the conditions of a file of plain stable-baselines3.
 
     Such files are pickles: reading one runs whatever code it has.
@@ -578,7 +578,7 @@ def unpickled(path: Path, params: WheelParams) -> tuple[str, Seeing, Conditions]
             conditions = Conditions(params, control=control)
             env = training_env(1, conditions, conditions.default_task, seed=0)
             check_for_correct_spaces(env, model.observation_space, model.action_space)
-            return name, Seeing(NetworkPolicy(model), size), conditions
+            return name, ShapeChecked(NetworkPolicy(model), size), conditions
         except Exception as error:  # unpickling can raise anything
             causes.append(f"{name}: {error!r}")
     raise ValueError(f"{path}: not a model of a known algorithm ({'; '.join(causes)})")

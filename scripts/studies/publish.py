@@ -73,7 +73,8 @@ CARD = """\
 {facts}
 
 The figures are by the protocol of the README's table: 128 starts, 50 s each, measured over the last
-30 s. `rimless compare --retrain` trains it again; `rimless evaluate {name}` measures this file.
+30 s. `rimless compare --retrain --out runs/retrain` trains it again; `rimless evaluate {name}`
+measures this file.
 """
 
 #: What each of them comes from.
@@ -144,7 +145,7 @@ def card(name: str, record: Mapping[str, Any], row: Row, machine: str) -> str:
         "machine": f"`{machine}`"
         + "".join(f", {of} {json.dumps(values)}" for of, values in drawn.items()),
         "algorithm": record["algo"] if record["timesteps"] else "DAgger",
-        "steps": f"{record['timesteps']:,}" if record["timesteps"] else "none: only cloned",
+        "steps": f"{value_text(record.get('intervals'), ',')} of 10 ms in all",
         "seed": f"{record['seed']} (one seed; figures over seeds are in docs/learning.md)",
         **_figures(row),
         "made by": f"revision {str(record['git_revision'])[:10]} with {versions}",
@@ -164,7 +165,7 @@ def _figures(row: Row) -> dict[str, str]:
     return {
         "starts that walk": value_text(row.walking_share, ".0%"),
         "CoT": value_text(row.cot, ".4f"),
-        "return": value_text(row.objective, ".3f") + " m/s" * (row.objective is not None),
+        "mean reward": value_text(row.objective, ".3f") + " m/s" * (row.objective is not None),
         "speed": value_text(row.speed, ".3f") + " m/s" * (row.speed is not None),
         "over the least CoT at any speed": value_text(row.over_least, "+.1%"),
         "over the best gait of 1 to 3 steps at this speed": value_text(row.gap, "+.1%"),

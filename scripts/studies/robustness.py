@@ -23,7 +23,8 @@ from agents.learner import IMITATION
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import AdaptivePolicy, Policy, Running, begun, controller_policy
 from agents.sb3.feedforward import RATES, back_emf_gains
-from agents.training import TrainingConfig, train
+from agents.training import train
+from agents.training_config import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import observe
 from rimless_gym.envs.starts import draw_start

@@ -5,7 +5,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from agents.evaluate import Protocol
 from agents.policy_files import load_policy
-from agents.training import Trainer, TrainingConfig, train
+from agents.training import Trainer, train
+from agents.training_config import TrainingConfig
 
 BRIEF = Protocol(starts=4, seed=1, duration=0.5, window=0.25, alive=0.25)
 #: So long that nothing walks on its first momentum any more.

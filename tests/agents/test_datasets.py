@@ -15,9 +15,11 @@ from agents.datasets import (
     dataset_id,
     missing,
     optimal_walks,
+    standard,
     write,
     write_dataset,
 )
+from agents.policy_files import PRETRAINED
 from rimless_gym import BUILDABLE, PROTOTYPE
 
 FEW = DatasetConfig(None, 2, 11, 0.56)
@@ -84,6 +86,11 @@ def test_a_dataset_of_other_walks_is_neither_taken_nor_replaced(folder: Path) ->
     for other in (DatasetConfig(None, 4, 11, 0.56), DatasetConfig(PROTOTYPE, 2, 11, 0.56)):
         with pytest.raises(ValueError, match=r"random-v0: is there already.*choose another --out"):
             missing(folder, ["random"], other)
+
+
+def test_policies_of_another_machine_are_not_among_those_written_by_default() -> None:
+    assert set(standard(None)) - set(standard(PROTOTYPE)) == set(PRETRAINED)
+    assert standard(BUILDABLE) == standard(None)
 
 
 def test_two_names_of_one_identifier_are_refused(tmp_path: Path) -> None:

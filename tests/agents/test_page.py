@@ -56,9 +56,11 @@ def test_every_gait_of_the_front_costs_what_was_verified(gaits: list[dict[str, A
         assert spent == pytest.approx(gait["cot"], rel=1e-3)
 
 
-def test_a_policy_that_is_no_network_is_refused() -> None:
-    with pytest.raises(ValueError, match="networks of tanh layers"):
-        network_data(load_policy("evolution"))
+def test_networks_of_all_learners_are_taken_and_other_policies_refused() -> None:
+    assert len(network_data(load_policy("evolved"))) == 3  # its algorithm is CMA-ES
+    for name in ("evolution", "front"):  # no network; a commanded speed
+        with pytest.raises(ValueError, match="networks of tanh layers"):
+            network_data(load_policy(name))
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no Node here")

@@ -12,7 +12,8 @@ import yaml
 pytest.importorskip("optuna", reason="needs the extra tune")
 
 from agents import tuning
-from agents.training import DivergedError, Milestone, TrainingConfig, TrainResult
+from agents.training import DivergedError, Milestone, TrainResult
+from agents.training_config import TrainingConfig
 
 #: Of the trainings that are tried: that which is stopped, and that which diverges.
 STOPPED, DIVERGED = 2, 1

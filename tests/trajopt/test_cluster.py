@@ -21,7 +21,8 @@ import pytest
 
 from agents.evaluate import Protocol
 from agents.learner import BEST
-from agents.training import TrainingConfig, train
+from agents.training import train
+from agents.training_config import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.checks import MissingExtraError
 from scripts.studies.fronts.solving import Place, RandomStarts, attempts

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, Protocol, evaluate, evaluate_commanded
+from agents.evaluate import ENOUGH, Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
 from agents.learner import BEST, IMITATION, SCRATCH, DoesNotWalkError
 from agents.outcomes import FALLS, WALKS, WindowTotals, outcomes
 from agents.policy_files import load_policy
 from agents.rollout import Policy, Rollout, draw_starts
-from agents.training import TrainingConfig, train
+from agents.training import train
+from agents.training_config import TrainingConfig
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.presets import BUILDABLE
@@ -72,7 +73,7 @@ class StudyRow:
     title: str  # in the table
     table: str  # in which it stands, one of those of `rows`
     trial: Trained  # how a seed is trained and evaluated
-    enough: float = 0.95  # a seed walks if this share of its starts does
+    enough: float = ENOUGH  # a seed walks if this share of its starts does
 
     def walks(self, policy: WalkFigures) -> bool:
         """Whether a policy walks from enough starts."""

@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from agents.cli.evaluate import COLUMNS, over_seeds
 from agents.cli.main import REFUSED, main
 from agents.evaluate import Protocol, evaluate
-from agents.training import TrainingConfig, train
+from agents.training import train
+from agents.training_config import TrainingConfig
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
@@ -102,7 +104,24 @@ def test_policies_are_measured_in_one_table(capsys: pytest.CaptureFixture[str]) 
     lines = capsys.readouterr().out.splitlines()
     rows = [*names, "interquartile mean", "95 % from", "to"]
     assert [line[:24].strip() for line in lines[1:6]] == rows
+    assert lines[6] == "0 of 2 walk, from at least 95% of their starts"
     assert any("of 2 starts do not count (" in line for line in lines[6:])
+
+
+def test_costs_over_seeds_are_those_of_the_seeds_that_walk() -> None:
+    figures = dict.fromkeys(column for column, _ in COLUMNS)
+    rows = [
+        figures | {"walking_share": share, "cot": cot, "return_20_s": back}
+        for share, cot, back in (
+            (1.0, 0.05, 5.0),
+            (0.97, 0.06, 4.0),
+            (0.5, 9.0, 3.0),
+            (0.0, None, 0.0),
+        )
+    ]
+    summary = over_seeds(rows)
+    assert (summary["cot"]["mean"], summary["cot"]["seeds"]) == (pytest.approx(0.055), 2)
+    assert (summary["return_20_s"]["mean"], summary["return_20_s"]["seeds"]) == (3.5, 4)
 
 
 @pytest.mark.usefixtures("brief")

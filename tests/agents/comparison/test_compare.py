@@ -21,7 +21,7 @@ from agents.comparison.compare import compare, complete, longest_chains_first
 from agents.comparison.methods import methods
 from agents.comparison.study import Setting, Study
 from agents.evaluate import Protocol, evaluate, evaluate_commanded
-from agents.training import TrainingConfig
+from agents.training_config import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from tests.agents.runs import QUICK, SMALL

@@ -31,7 +31,7 @@ from agents.evaluate import Protocol
 from agents.learner import DoesNotWalkError
 from agents.policy_files import LAW_ACTIONS, PRETRAINED, load_policy, read_record
 from agents.rollout import draw_starts
-from agents.training import TrainingConfig
+from agents.training_config import TrainingConfig
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.equations import DOUBLE
 from rimless_gym.kernel.stepping import MODE

@@ -19,9 +19,11 @@ from agents.evolution.search import (
     search,
 )
 from agents.evolution.walks import SIZE, Duration
+from agents.learner import DoesNotWalkError
 from agents.policy_files import FORMAT, load_policy
 from agents.reward_weight import NO_WALK, CleanWalking
-from agents.training import TrainingConfig, train
+from agents.training import train
+from agents.training_config import TrainingConfig
 from tests.agents.runs import SETTLED, assert_same_policies, killed_after, run, scalars
 from trajopt.store import read_arrays, write_arrays
 
@@ -106,7 +108,7 @@ def test_a_policy_to_start_from_is_refined_in_its_own_family():
 def test_a_search_that_finds_nothing_ends_with_a_remedy():
     running = search(SETTINGS, 0, 0.5, None)
     running.send(pretended(next(running)))
-    with pytest.raises(ValueError, match=r"none of 40 random .* another seed"):
+    with pytest.raises(DoesNotWalkError, match=r"screened = 40: none of .* another seed"):
         running.send(Answer(np.empty(0), np.empty((0, 40)), NO_WALK))
     running = search(SETTINGS, 0, 0.5, None)
 
@@ -114,8 +116,14 @@ def test_a_search_that_finds_nothing_ends_with_a_remedy():
         while True:
             request = running.send(pretended(request)._replace(gait=NO_WALK))
 
-    with pytest.raises(ValueError, match=r"still walks after 10 generations: try"):
+    with pytest.raises(DoesNotWalkError, match=r"still walks after 10 generations: try"):
         go_on(next(running))
+
+
+@pytest.mark.parametrize("setting", [{"trial": 9}, {"glance": 1}, {"start_up_intervals": 1}])
+def test_walks_and_trials_without_a_measurement_are_refused(setting):
+    with pytest.raises(ValueError, match="must be an integer of at least"):
+        EvolutionSettings(**setting)
 
 
 def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best():

@@ -46,6 +46,10 @@ def test_a_clone_walks_at_less_cost_and_a_killed_training_goes_on(tmp_path, monk
         ({}, "goes on from a policy that walks; begin from 'imitation'"),
         ({"init": CLONE, "ranges": {"pendulum_mass": (1.5, 1.8)}}, "leave out ranges"),
         ({"init": CLONE, "hyperparameters": {"gamma": 0.9}}, "'gamma' is not known"),
+        (
+            {"init": "imitation", "hyperparameters": {"policy_kwargs": {"activation_fn": "ReLU"}}},
+            "'ReLU': gradients needs layers of Tanh",
+        ),
     ],
 )
 def test_what_it_cannot_begin_from_is_refused(tmp_path, changes, message):

@@ -12,7 +12,7 @@ import pytest
 from agents.evaluate import Protocol
 from agents.learner import BEST, IMITATION
 from agents.policy_files import load_policy
-from agents.training import TrainingConfig
+from agents.training_config import TrainingConfig
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.learning import command, trials
 from scripts.studies.learning.command import Compared, SeedTask, completed, finished, tables

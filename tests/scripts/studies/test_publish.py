@@ -185,7 +185,7 @@ def test_a_card_has_the_figures_of_its_row_and_what_the_policy_comes_from() -> N
     for line in (
         "| starts that walk | 95% |",
         "| CoT | 0.0500 |",
-        "| return | 0.250 m/s |",
+        "| mean reward | 0.250 m/s |",
         "| speed | 0.600 m/s |",
         "| over the best gait of 1 to 3 steps at this speed | +10.0% |",
         "| friction demand, least Fy / weight | 0.71, 0.06 |",
