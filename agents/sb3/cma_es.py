@@ -6,10 +6,11 @@ that is best under noise is not the one that is best without. So the weights var
 policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
 the last layer varies, in the directions in which the actions of the policy's walks change most.
 What is minimised is the cost of transport of walks from the gait, whatever their speed unless one
-is commanded; falls, from ordinary starts too, count by `agents.reward_weight.economy`. Where
-machines and disturbances are drawn, all policies of a generation walk with the same ones, each
-start with its own. Where speeds are commanded, each start has its own command for the whole walk, a
-walk costs more if its speed is another, and the cost is the geometric mean over commands.
+is commanded. Falls, from ordinary starts too, count by `agents.reward_weight.economy`, and the
+start-up by what walks from ordinary starts return. Where machines and disturbances are drawn, all
+policies of a generation walk with the same ones, each start with its own. Where speeds are
+commanded, each start has its own command for the whole walk, a walk costs more if its speed is
+another, and the cost is the geometric mean over commands.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from agents.rollout import Rollout, draw_starts, learned_policy
 from agents.sb3.learner import FineTuner
 from rimless_gym.checks import extra
 from rimless_gym.envs.layout import commanded_speeds
+from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.hybrid import OK
 from rimless_gym.kernel.stepping import FOOT
 from trajopt.feedback.law import Floats
@@ -67,6 +69,11 @@ OFF_COMMAND = 0.06
 #: costs an efficient gait about as much as 12 % of its energy. With 30 the cost comes down as far,
 #: and fewer starts are lost.
 EXPONENT = 30
+
+#: A metre more of the mean return from ordinary starts multiplies the score by e, so a centimetre
+#: weighs as much as 1 % of the energy; in the reward of an episode, 3 mm do. It does not count
+#: where speeds are commanded: there the reward is for travel, and energy a hundredth of it.
+START_UP = 1.0
 
 #: Seconds of a walk, and those at its end over which it is measured.
 DURATION, WINDOW = 7.0, 4.0
@@ -162,7 +169,8 @@ class LastLayer:
     """
 
     def __init__(self, training: Training, model: Any) -> None:
-        self._conditions, self._seed = training.conditions, training.seed
+        self._conditions, self._task = training.conditions, training.task
+        self._seed = training.seed
         varied = self._conditions.commanded or self._conditions.ranges.bounds
         self._n_gait_starts = VARIED_STARTS if varied else GAIT_STARTS
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
@@ -270,7 +278,7 @@ class LastLayer:
         self._drawn = np.array(self._strategy.ask())
 
     def scores(self) -> Floats:
-        """The `economy` of each policy of this generation, (POPULATION,)."""
+        """Of each policy of this generation, (POPULATION,); 0 where nothing walks."""
         layers = (self._center + self._drawn @ self._basis.T).astype(np.float32)
         params = self._conditions.params
         ordinary = draw_starts(params, ORDINARY_STARTS, (self._seed, _SCORED, self._generation))
@@ -284,10 +292,12 @@ class LastLayer:
             own = layers[whose[rollout.running]]
             return np.asarray(np.einsum("nh,nh->n", self._features(observations), own))
 
-        rollout = Rollout(self._conditions, policy, starts, self._lasting, seeds, command=commands)
+        walked = self._conditions, policy, starts, self._lasting, seeds, self._task
+        rollout = Rollout(*walked, command=commands)
         window, fallen = WindowTotals(rollout.machines), np.zeros(len(starts), dtype=bool)
-        steps = np.zeros(len(starts))
+        steps, returns = np.zeros(len(starts)), np.zeros(len(starts))
         for k, interval in enumerate(rollout):
+            returns[interval.running] += sum(interval.info[name] for name in TERM_NAMES)
             fallen[interval.running] = interval.info["failure"] != OK
             if k >= self._lasting - self._window:
                 window.add(interval)
@@ -302,7 +312,10 @@ class LastLayer:
         else:
             costs = penalised_costs(commands, window, steady)
             cots = [geometric_mean(costs[some]) for some in of_policy]
-        scores = [economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)]
+        scores = np.array([economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)])
+        if commands is None:
+            ordinary_ones = returns.reshape(POPULATION, -1)[:, -ORDINARY_STARTS:]
+            scores *= np.exp(START_UP * ordinary_ones.mean(axis=1))
         return np.nan_to_num(scores)  # NaN: the hub went nowhere
 
     def _commands(self) -> Floats | None:

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents.evaluate import Protocol
+from agents.evaluate import Protocol, evaluate
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import Rollout
 from agents.sb3 import cma_es
+from rimless_gym.presets import BUILDABLE
 from tests.agents.runs import assert_same_policies, killed_after, run, weights
 
 CLONE, FRONT = str(PRETRAINED["imitation"]), str(PRETRAINED["front"])
@@ -33,7 +34,8 @@ def short(monkeypatch):
         monkeypatch.setattr(cma_es, name, value)
 
 
-def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
+def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path, monkeypatch):
+    monkeypatch.setattr(cma_es, "START_UP", 0.0)  # few generations lower the cost or the start-up
     protocol = Protocol(starts=8, seed=1, duration=6.0, window=3.0, alive=3.0)
     result = run(tmp_path, "cma_es", init=CLONE, timesteps=8 * GENERATION, protocol=protocol)
     before, after = (load_policy(path).parts.weights for path in (CLONE, result.last))
@@ -81,20 +83,26 @@ def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_it
     assert first != last
 
 
-def test_an_ordinary_start_that_walks_does_not_change_the_cost(tmp_path, monkeypatch):
+def test_an_ordinary_start_that_walks_counts_by_its_return_and_not_its_cost(tmp_path, monkeypatch):
     scores, tell, draw = [], cma_es.LastLayer.tell, cma_es.draw_starts
     monkeypatch.setattr(
         cma_es.LastLayer, "tell", lambda search, new: (scores.append(new), tell(search, new))
     )
     for name, value in {"DURATION": 6.0, "WINDOW": 3.0, "SHOWN_STARTS": 9}.items():
         monkeypatch.setattr(cma_es, name, value)
-    for seed in (1, 2):  # the start-ups of these two take different energies
+    for weight, seed in itertools.product((0.0, 2.0), (1, 2)):  # whose start-ups differ
+        monkeypatch.setattr(cma_es, "START_UP", weight)
         monkeypatch.setattr(
             cma_es, "draw_starts", lambda params, n, of, s=seed: draw(params, n, of if n > 1 else s)
         )
-        run(tmp_path / str(seed), "cma_es", init=CLONE, timesteps=1)
-    assert scores[0].all()
-    assert scores[1] == pytest.approx(scores[0], rel=1e-9)
+        run(tmp_path / f"{weight}_{seed}", "cma_es", init=CLONE, timesteps=1)
+    one, other, returned, other_returned = scores
+    assert one.all()
+    assert other == pytest.approx(one, rel=1e-9)
+    for seed, start in ((1, returned / one), (2, other_returned / other)):
+        policy, protocol = load_policy(CLONE).policy, Protocol(1, 0, 6.0, 3.0, 1.0)
+        expected = evaluate(policy, protocol=protocol, starts=draw(BUILDABLE, 1, seed))
+        assert np.log(start) / 2.0 == pytest.approx(expected.returns[0], abs=0.03)
 
 
 def test_commands_are_spread_evenly_and_are_the_same_for_all_policies(tmp_path, monkeypatch):
