@@ -335,6 +335,8 @@ class LearnedMethod:
     # a policy's file in the study's folder that is imitated near its gait, and elsewhere the
     # start-up controller of that gait; None: the best law is
     teacher: str | None = None
+    # that differ from the learner's own
+    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def compute(self, setting: Setting) -> Result:
         """Train and evaluate it, if what it begins from walks."""
@@ -347,6 +349,7 @@ class LearnedMethod:
             setting.study.seed,
             timesteps=0 if self.budget is None else getattr(setting.study, self.budget),
             params=setting.params,
+            hyperparameters=self.hyperparameters,
             expert=self._expert(setting),
             startup=self.teacher is not None,
         )
@@ -401,6 +404,7 @@ TRAININGS = (
     LearnedMethod(
         *("evolved", f"distilled/{CLONE}", EVOLVED, BEST, ("distilled",)),
         algo="cma_es",
+        hyperparameters={"return_weight": 1.0},
         budget="timesteps",
         curve=True,
     ),

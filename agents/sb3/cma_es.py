@@ -6,8 +6,8 @@ that is best under noise is not the one that is best without. So the weights var
 policy walks without noise (Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772). Only
 the last layer varies, in the directions in which the actions of the policy's walks change most.
 What is minimised is the cost of transport of walks from the gait, whatever their speed unless one
-is commanded. Falls, from ordinary starts too, count by `agents.reward_weight.economy`, and the
-start-up by what walks from ordinary starts return. Where machines and disturbances are drawn, all
+is commanded. Falls, from ordinary starts too, count by `agents.reward_weight.economy`. With a
+`return_weight` the start-up counts, too. Where machines and disturbances are drawn, all
 policies of a generation walk with the same ones, each start with its own. Where speeds are
 commanded, each start has its own command for the whole walk, a walk costs more if its speed is
 another, and the cost is the geometric mean over commands.
@@ -15,6 +15,8 @@ another, and the cost is the geometric mean over commands.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,12 +24,21 @@ import torch
 from numpy.typing import NDArray
 
 from agents.imitation import LabelledWalks, walk
-from agents.learner import LAST, Callback, DoesNotWalkError, PolicyParts, Training
+from agents.learner import (
+    LAST,
+    NO_CHANGES,
+    Callback,
+    DoesNotWalkError,
+    LearnerSettings,
+    PolicyParts,
+    Training,
+)
 from agents.outcomes import WALKS, WindowTotals, outcomes
 from agents.reward_weight import economy
 from agents.rollout import Rollout, draw_starts, learned_policy
+from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import FineTuner
-from rimless_gym.checks import extra
+from rimless_gym.checks import extra, not_negative
 from rimless_gym.envs.layout import commanded_speeds
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.hybrid import OK
@@ -70,10 +81,10 @@ OFF_COMMAND = 0.06
 #: and fewer starts are lost.
 EXPONENT = 30
 
-#: A metre more of the mean return from ordinary starts multiplies the score by e, so a centimetre
-#: weighs as much as 1 % of the energy; in the reward of an episode, 3 mm do. It does not count
-#: where speeds are commanded: there the reward is for travel, and energy a hundredth of it.
-START_UP = 1.0
+#: The hyperparameter by which the returns of walks from ordinary starts count (1/m): their mean,
+#: times this, is added to the logarithm of the score. With 1, a centimetre weighs as much as 1 % of
+#: the energy; in the reward of an episode, 3 mm do.
+RETURN_WEIGHT = "return_weight"
 
 #: Seconds of a walk, and those at its end over which it is measured.
 DURATION, WINDOW = 7.0, 4.0
@@ -101,6 +112,17 @@ class CmaEs(FineTuner):
         super().__init__(training, start)
         self._search: LastLayer | None = None
         self._scores: list[Floats] = []
+
+    @classmethod
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
+        """Those of every `FineTuner`, and `RETURN_WEIGHT`, which is 0 unless it is given."""
+        others = {name: value for name, value in changes.items() if name != RETURN_WEIGHT}
+        settings = super().settings(init, others)
+        if RETURN_WEIGHT not in changes:
+            return settings
+        assert isinstance(settings, Hyperparameters)
+        weight = not_negative(RETURN_WEIGHT, changes[RETURN_WEIGHT])
+        return dataclasses.replace(settings, entry={**settings.entry, RETURN_WEIGHT: weight})
 
     def learn(self, until: int, callback: Callback) -> None:
         """Evolve until there have been `until` steps; a generation that was begun is ended.
@@ -170,7 +192,8 @@ class LastLayer:
 
     def __init__(self, training: Training, model: Any) -> None:
         self._conditions, self._task = training.conditions, training.task
-        self._seed = training.seed
+        self._seed, written = training.seed, training.settings.written
+        self._return_weight: float = written.get(RETURN_WEIGHT, 0.0)
         varied = self._conditions.commanded or self._conditions.ranges.bounds
         self._n_gait_starts = VARIED_STARTS if varied else GAIT_STARTS
         net, self._hidden = model.policy.action_net, model.policy.mlp_extractor.forward_actor
@@ -313,9 +336,8 @@ class LastLayer:
             costs = penalised_costs(commands, window, steady)
             cots = [geometric_mean(costs[some]) for some in of_policy]
         scores = np.array([economy(*each, EXPONENT) for each in zip(shares, cots, strict=True)])
-        if commands is None:
-            ordinary_ones = returns.reshape(POPULATION, -1)[:, -ORDINARY_STARTS:]
-            scores *= np.exp(START_UP * ordinary_ones.mean(axis=1))
+        returned = returns.reshape(POPULATION, -1)[:, -ORDINARY_STARTS:].mean(axis=1)
+        scores *= np.exp(self._return_weight * returned)
         return np.nan_to_num(scores)  # NaN: the hub went nowhere
 
     def _commands(self) -> Floats | None:

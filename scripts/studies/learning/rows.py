@@ -122,7 +122,11 @@ ROWS = (
         "evolution_cma_es",
         EVOLVED,
         LEARNED,
-        Trained("cma_es", IMITATION, None, BEST_ONLY, start=Other(DISTILLED, CLONE)),
+        Trained(
+            *("cma_es", IMITATION, None, BEST_ONLY),
+            start=Other(DISTILLED, CLONE),
+            hyperparameters={"return_weight": 1.0},
+        ),
     ),
     SCHEDULE,
     StudyRow(

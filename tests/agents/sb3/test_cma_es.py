@@ -34,8 +34,7 @@ def short(monkeypatch):
         monkeypatch.setattr(cma_es, name, value)
 
 
-def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path, monkeypatch):
-    monkeypatch.setattr(cma_es, "START_UP", 0.0)  # few generations lower the cost or the start-up
+def test_only_the_last_layer_changes_and_a_clone_walks_at_less_cost(tmp_path):
     protocol = Protocol(starts=8, seed=1, duration=6.0, window=3.0, alive=3.0)
     result = run(tmp_path, "cma_es", init=CLONE, timesteps=8 * GENERATION, protocol=protocol)
     before, after = (load_policy(path).parts.weights for path in (CLONE, result.last))
@@ -83,7 +82,7 @@ def test_policies_of_a_generation_walk_with_the_same_machines_each_start_with_it
     assert first != last
 
 
-def test_an_ordinary_start_that_walks_counts_by_its_return_and_not_its_cost(tmp_path, monkeypatch):
+def test_an_ordinary_start_that_walks_counts_by_its_return_alone(tmp_path, monkeypatch):
     scores, tell, draw = [], cma_es.LastLayer.tell, cma_es.draw_starts
     monkeypatch.setattr(
         cma_es.LastLayer, "tell", lambda search, new: (scores.append(new), tell(search, new))
@@ -91,11 +90,12 @@ def test_an_ordinary_start_that_walks_counts_by_its_return_and_not_its_cost(tmp_
     for name, value in {"DURATION": 6.0, "WINDOW": 3.0, "SHOWN_STARTS": 9}.items():
         monkeypatch.setattr(cma_es, name, value)
     for weight, seed in itertools.product((0.0, 2.0), (1, 2)):  # whose start-ups differ
-        monkeypatch.setattr(cma_es, "START_UP", weight)
         monkeypatch.setattr(
             cma_es, "draw_starts", lambda params, n, of, s=seed: draw(params, n, of if n > 1 else s)
         )
-        run(tmp_path / f"{weight}_{seed}", "cma_es", init=CLONE, timesteps=1)
+        weighed = {"return_weight": weight}
+        out = tmp_path / f"{weight}_{seed}"
+        run(out, "cma_es", init=CLONE, timesteps=1, hyperparameters=weighed)
     one, other, returned, other_returned = scores
     assert one.all()
     assert other == pytest.approx(one, rel=1e-9)
@@ -174,6 +174,7 @@ def test_killed_it_ends_with_the_same_policies(tmp_path, monkeypatch, init, spee
     [
         ({}, "goes on from a policy that walks; begin from 'imitation'"),
         ({"init": CLONE, "hyperparameters": {"gamma": 0.9}}, "'gamma' is not known"),
+        ({"init": CLONE, "hyperparameters": {"return_weight": -1.0}}, "must be at least 0"),
         ({"init": "evolution"}, "a policy of evolution, which cannot start cma_es"),
     ],
 )
