@@ -245,7 +245,7 @@ def write_dataset(
     folder: Path, id_: str, walks: DatasetWalks, recipe: Mapping[str, Any], card: str
 ) -> None:
     """Write a dataset and its card; it appears in the folder when it is complete."""
-    unfinished = folder / ".unfinished" / id_
+    unfinished = folder.resolve() / ".unfinished" / id_  # Minari joins relative paths twice
     shutil.rmtree(unfinished, ignore_errors=True)
     (unfinished / "data").mkdir(parents=True)
     storage = MinariStorage.new(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import functools
 import inspect
 import math
 import pkgutil
@@ -44,10 +43,12 @@ NOT_OURS = (
     *("rollout_buffer_kwargs", "stats_window_size"),
 )
 
-#: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later. It
-#: writes -1 where a number follows from others.
+#: Integers that may be less than 1; with -1, there are as many gradient steps as time steps.
+LEAST = {"gradient_steps": -1, "learning_starts": 0}
+
+#: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later.
 PLAIN: dict[Any, Callable[[str, Any], Any]] = {
-    int: functools.partial(integer, least=-1),
+    int: lambda name, value: integer(name, value, LEAST.get(name, 1)),
     float: real,
     bool: flag,
 }
@@ -182,7 +183,7 @@ def policy_kwargs(described: Mapping[str, Any]) -> dict[str, Any]:
     kwargs = dict(described)
     if "activation_fn" in kwargs:
         name = kwargs["activation_fn"]
-        if name not in ACTIVATIONS:
+        if name not in list(ACTIVATIONS):
             raise ValueError(f"activation_fn = {name!r}: choose from {list(ACTIVATIONS)}")
         kwargs["activation_fn"] = ACTIVATIONS[name]
     return kwargs

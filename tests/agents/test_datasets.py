@@ -78,7 +78,8 @@ def test_what_is_there_stays_and_what_was_cut_off_is_written_again(
         with pytest.raises(KeyboardInterrupt):
             write(tmp_path, "idle", FEW)
     assert missing(tmp_path, ("idle", "random"), FEW) == ["idle", "random"]
-    write(tmp_path, "idle", FEW)
+    monkeypatch.chdir(tmp_path.parent)
+    write(Path(tmp_path.name), "idle", FEW)  # a relative folder
     assert missing(tmp_path, ("idle", "random"), FEW) == ["random"]
 
 

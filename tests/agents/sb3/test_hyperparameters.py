@@ -47,6 +47,7 @@ HELD = "agents.sb3.wrappers.HeldActions"
         ({"gama": 0.5}, ValueError, "'gama' is not known; choose from"),
         ({"n_envs": "x"}, TypeError, "n_envs = 'x': must be an integer of at least 1"),
         ({"learning_rate": -1.0}, ValueError, r"learning_rate = -1\.0: must be"),
+        ({"n_epochs": 0}, ValueError, "n_epochs = 0: must be an integer of at least 1"),
         ({"gamma": 9.0}, ValueError, r"gamma = 9\.0: must be from 0 to 1"),
         ({"policy_kwargs": 3}, TypeError, "policy_kwargs = 3: must be a"),
         ({"policy_kwargs": {"activation_fn": "tanh"}}, ValueError, r"'tanh': choose from \['Tanh'"),
