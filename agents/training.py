@@ -141,7 +141,7 @@ def train(
         TypeError: an argument is of the wrong kind.
         CheckpointError: a policy to start from does not fit.
         DoesNotWalkError: a policy to start from, or to imitate with a start-up controller, does not
-            walk.
+            walk; or evolution finds none that does.
         OSError: the disk is full, or `out` cannot be written; the last state is kept.
         KeyboardInterrupt: the training was stopped.
     """

@@ -96,7 +96,7 @@ def complete(
             (setting.out / f"{method.name}.json").unlink()
     done, work = len(compared) - len(todo), functools.partial(_compute, setting, workers == 1)
     if todo:
-        _print(setting, f"{len(todo)} methods to compute, each in up to some minutes")
+        _print(setting, f"{len(todo)} methods to compute, up to some minutes each")
     results = run(work, _ready_first(setting.out, longest_chains_first(todo)), workers)
     with closing(results):
         for method, seconds in results:

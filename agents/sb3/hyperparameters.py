@@ -183,7 +183,7 @@ def policy_kwargs(described: Mapping[str, Any]) -> dict[str, Any]:
     kwargs = dict(described)
     if "activation_fn" in kwargs:
         name = kwargs["activation_fn"]
-        if name not in list(ACTIVATIONS):
+        if name not in list(ACTIVATIONS):  # it may be a list, which a dictionary cannot look up
             raise ValueError(f"activation_fn = {name!r}: choose from {list(ACTIVATIONS)}")
         kwargs["activation_fn"] = ACTIVATIONS[name]
     return kwargs
